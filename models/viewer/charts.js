@@ -13,8 +13,8 @@ const Charts = (() => {
   function scaled(units, largest) {
     if (!(largest > 0) || (largest >= 0.1 && largest < 1e4)) return { power: 0, units };
     const power = 3 * Math.floor(Math.log10(largest) / 3 + 1e-9);
-    const prefix = PREFIXES[power], fits = PREFIXED.test(units) && !units.includes(",") && !(power > 0 && ONLY_SMALL.test(units));
-    if (prefix && fits) return { power, units: prefix + units };
+    const fits = PREFIXED.test(units) && !units.includes(",") && !(power > 0 && ONLY_SMALL.test(units));
+    if (PREFIXES[power] && fits) return { power, units: PREFIXES[power] + units };
     const raised = [...String(power)].map((c) => (c === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[c])).join("");
     return { power, units: `10${raised} ${units}`.trim() };
   }
@@ -70,11 +70,11 @@ const Charts = (() => {
 
     // Curves have a name, x, y, colour and alpha.
     show(curves, units, range) {
-      const largest = curves.reduce((found, { y }) => y.reduce((a, b) => Math.max(a, Math.abs(b) || 0), found), 0);
-      Object.assign(this, { curves, range, ...scaled(units, largest) });
-      const spans = curves.map(({ y }) => [Math.min(...y), Math.max(...y)]);
-      const span = Math.max(...spans.map(([, b]) => b)) - Math.min(...spans.map(([a]) => a));
-      this.groups = equalGroups(curves, span / 400);
+      let [low, high] = [Infinity, -Infinity];
+      for (const { y } of curves)
+        for (const value of y) if (Number.isFinite(value)) [low, high] = [Math.min(low, value), Math.max(high, value)];
+      Object.assign(this, { curves, range, ...scaled(units, Math.max(high, -low)) });
+      this.groups = equalGroups(curves, (high - low) / 400);
       this.groups.forEach((group, k) => { // early curves are wide: late ones that run close by do not cover them
         const before = this.groups.slice(0, k).filter(([one, ...more]) => !more.length && one.colour === group[0].colour);
         Object.assign(group, { dash: DASHES[before.length % DASHES.length], width: 2.6 - (1.4 * k) / this.groups.length });
@@ -93,7 +93,8 @@ const Charts = (() => {
     stroke(context, group, density, path) { // curves that share a line alternate along it
       group.forEach(({ colour, alpha }, k) => {
         context.setTransform(density, 0, 0, density, 0, 0);
-        Object.assign(context, { strokeStyle: colour, globalAlpha: alpha, lineWidth: group.width, lineDashOffset: -k * PIECE });
+        const style = { strokeStyle: colour, globalAlpha: alpha, lineWidth: group.width, lineDashOffset: -k * PIECE };
+        Object.assign(context, style);
         context.setLineDash(group.length > 1 ? [PIECE, PIECE * (group.length - 1)] : group.dash);
         context.beginPath();
         path(context);
@@ -123,7 +124,10 @@ const Charts = (() => {
       for (const { x, y } of this.curves)
         for (let k = placed(x, this.range[0]); k < x.length && x[k] <= this.range[1]; k++)
           if (Number.isFinite(y[k])) [low, high] = [Math.min(low, y[k]), Math.max(high, y[k])];
-      if (!(low < high)) [low, high] = Number.isFinite(low) && low !== 0 ? [low - Math.abs(low), low + Math.abs(low)] : [-1, 1];
+      if (!(low < high)) { // a constant
+        const half = Math.abs(low);
+        [low, high] = half > 0 && half < Infinity ? [low - half, low + half] : [-1, 1];
+      }
       const margin = 0.06 * (high - low);
       return [low - margin, high + margin];
     }

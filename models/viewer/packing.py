@@ -57,24 +57,12 @@ class Packer:
         return found
 
     def blob(self) -> str:
-        """Return all arrays, compressed, as text."""
-        return compressed(b"".join(self._parts))
-
-
-def compressed(raw: bytes) -> str:
-    """Return compressed bytes as text, for the zlib decoder of the page.
-
-    Parameters
-    ----------
-    raw : bytes
-        Bytes to compress.
-    """
-    whole, packer = memoryview(raw), zlib.compressobj()
-    parts = [
-        whole[start : start + PART_BYTES] for start in range(0, len(raw), PART_BYTES)
-    ]
-    packed = map_counted("compressing", packer.compress, parts)
-    return base64.b64encode(b"".join([*packed, packer.flush()])).decode("ascii")
+        """Return all arrays, compressed, as text for the zlib decoder of the page."""
+        whole, packer = memoryview(b"".join(self._parts)), zlib.compressobj()
+        starts = range(0, len(whole), PART_BYTES)
+        parts = [whole[start : start + PART_BYTES] for start in starts]
+        packed = map_counted("compressing", packer.compress, parts)
+        return base64.b64encode(b"".join([*packed, packer.flush()])).decode("ascii")
 
 
 def columns(values: npt.ArrayLike) -> Vector:

@@ -21,7 +21,7 @@ const Scene3d = (() => {
   const LOST = 1e5; // points farther away are not drawn [m]
   const SHADOW = 2048; // width of the shadow map [pixel]
   const VIEW = 0.55; // vertical field of view [rad]
-  const SUN = [0.36, -0.3, 0.88]; // direction to the light
+  const SUN = [0.36, -0.3, 0.883]; // direction to the light, of length 1
 
   // ---- kinematics: matrices are lists of nine numbers, row by row --------------------------------------
 
@@ -270,7 +270,7 @@ const Scene3d = (() => {
       this.canvas = element.appendChild(document.createElement("canvas"));
       this.over = element.appendChild(document.createElement("canvas")); // axes, and text of films
       element.style.position = "relative";
-      for (const canvas of [this.canvas, this.over]) canvas.style.cssText = "position:absolute;inset:0;width:100%;height:100%";
+      for (const one of [this.canvas, this.over]) one.style.cssText = "position:absolute;inset:0;width:100%;height:100%";
       this.over.style.pointerEvents = "none";
       this.gl = this.canvas.getContext("webgl2", { antialias: true });
       if (!this.gl) throw new Error("the browser has no WebGL 2; allow hardware or software rendering");
@@ -281,7 +281,8 @@ const Scene3d = (() => {
       this.half = this.sizes[0].half.map((a) => a + 2 * MARGIN);
       this.poses = runs.map(({ truss }, k) => posed(truss, states[k], 1));
       this.cloud = [...cloud, ...this.poses, this.goal].flatMap((pose) => (pose ? cornersOf(pose).filter(near) : []));
-      this.bounds = [0, 1, 2].map((k) => this.cloud.reduce(([a, b], p) => [Math.min(a, p[k]), Math.max(b, p[k])], [Infinity, -Infinity]));
+      const extent = ([low, high], value) => [Math.min(low, value), Math.max(high, value)];
+      this.bounds = [0, 1, 2].map((k) => this.cloud.map((point) => point[k]).reduce(extent, [Infinity, -Infinity]));
       this.prepare();
       this.states = states;
       this.look(camera);
@@ -295,9 +296,10 @@ const Scene3d = (() => {
 
     prepare() {
       const { gl } = this, [corners, faces] = capsuleMesh();
-      const [capsules, meshes, shadowCapsules, shadowMeshes] =
-        [[CAPSULES, LIT], [MESHES, LIT], [CAPSULES, EMPTY], [MESHES, EMPTY]].map((pair) => programOf(gl, ...pair));
-      this.programs = { capsules, meshes, shadowCapsules, shadowMeshes };
+      this.programs = {
+        litCapsules: programOf(gl, CAPSULES, LIT), litMeshes: programOf(gl, MESHES, LIT),
+        shadowCapsules: programOf(gl, CAPSULES, EMPTY), shadowMeshes: programOf(gl, MESHES, EMPTY),
+      };
       this.faces = faces.length;
       this.buffers = Object.fromEntries(["instances", "corners", "triangles"].map((name) => [name, gl.createBuffer()]));
       const array = (kind, data) => {
@@ -333,6 +335,10 @@ const Scene3d = (() => {
       gl.bindFramebuffer(gl.FRAMEBUFFER, this.shadow = gl.createFramebuffer());
       gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.DEPTH_ATTACHMENT, gl.TEXTURE_2D, texture, 0);
       gl.drawBuffers([gl.NONE]);
+      gl.enable(gl.DEPTH_TEST);
+      gl.depthFunc(gl.LEQUAL);
+      gl.polygonOffset(2, 4);
+      gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     }
 
     listen() {
@@ -404,7 +410,8 @@ const Scene3d = (() => {
         truss.arms.forEach((arm, k) => {
           const robot = `robot ${k + 1}`, colour = COLOURS[k % COLOURS.length], { corners } = pose.arms[k];
           part(robot, colour, armOf(arm, pose.arms[k], link), look);
-          const glass = arm.solid.drawn ? look : number ? { alpha: 0.2, layer: 3 } : { alpha: this.dark ? 0.5 : 0.32, layer: 1 };
+          const pale = number ? { alpha: 0.2, layer: 3 } : { alpha: this.dark ? 0.5 : 0.32, layer: 1 };
+          const glass = arm.solid.drawn ? look : pale; // the arm lies in the box
           part(`base ${k + 1}`, colour, [], { ...glass, legend: robot, corners, faces: arm.solid.faces });
           if (!arm.solid.drawn) part(`edges ${k + 1}`, colour, edgesOf(corners), { ...look, legend: robot });
         });
@@ -461,15 +468,18 @@ const Scene3d = (() => {
         const start = { instances: instances.length / 13, triangles: triangles.length };
         for (const part of parts) {
           if (part.layer !== layer || this.hidden.has(part.legend)) continue;
-          for (const [a, first, b, last, roundness, colour] of part.capsules)
-            if (near(a) && near(b)) instances.push(
-              ...sum(a, origin, -1), first, ...sum(b, origin, -1), last, ...numbers(colour ?? part.colour, part.alpha), roundness);
+          for (const [a, first, b, last, roundness, colour] of part.capsules) {
+            if (!(near(a) && near(b))) continue;
+            instances.push(...sum(a, origin, -1), first, ...sum(b, origin, -1), last);
+            instances.push(...numbers(colour ?? part.colour, part.alpha), roundness);
+          }
           if (!part.faces.length || !part.corners.every(near)) continue;
           const base = corners.length / 7, [I, J, K] = part.faces, tint = numbers(part.colour, part.alpha);
           for (const corner of part.corners) corners.push(...sum(corner, origin, -1), ...tint);
           for (let k = 0; k < I.length; k++) triangles.push(base + I[k], base + J[k], base + K[k]);
         }
-        layers.push({ start, instances: instances.length / 13 - start.instances, triangles: triangles.length - start.triangles });
+        const [bodies, faces] = [instances.length / 13 - start.instances, triangles.length - start.triangles];
+        layers.push({ start, instances: bodies, triangles: faces });
       }
       const ground = corners.length / 7; // two triangles more
       for (const [x, y] of [[-1, -1], [1, -1], [1, 1], [-1, 1]])
@@ -483,91 +493,95 @@ const Scene3d = (() => {
       return { layers, ground: triangles.length - 6 };
     }
 
-    draw(width = this.element.clientWidth, height = this.element.clientHeight, density = Math.min(2, devicePixelRatio)) {
-      if (!(width && height)) return;
-      const { gl, canvas } = this, theme = THEMES[+this.dark];
-      for (const one of [canvas, this.over]) [one.width, one.height] = [Math.round(width * density), Math.round(height * density)];
-      const [centre, offsets] = this.around(), target = sum(centre, this.moved), axes = axesOf(...this.angles);
-      const tangents = [(Math.tan(VIEW / 2) * width) / height, Math.tan(VIEW / 2)];
+    // Camera and light for a picture of this shape; matrices map positions relative to the target to the screen.
+    aim(shape) {
+      const [centre, offsets] = this.around(), axes = axesOf(...this.angles);
+      const tangents = [shape * Math.tan(VIEW / 2), Math.tan(VIEW / 2)];
       let fit = 0, size = MARGIN; // distance from which all points are visible, and the radius around them
       for (const offset of offsets) {
         const z = dot(axes[2], offset);
         for (const i of [0, 1]) fit = Math.max(fit, z + (Math.abs(dot(axes[i], offset)) + MARGIN) / tangents[i]);
         size = Math.max(size, Math.hypot(...offset));
       }
-      Object.assign(this, { target, distance: fit * this.zoom });
-      const eye = axes[2].map((a) => a * this.distance);
+      Object.assign(this, { axes, target: sum(centre, this.moved), distance: fit * this.zoom, reach: 4 * size });
       this.floor = Math.max(this.bounds[2][0] - MARGIN, centre[2] - 3 * size);
-      this.reach = 4 * size;
+      this.cell = 10 ** Math.max(0, Math.round(Math.log10(size / 12)));
+      this.eye = axes[2].map((a) => a * this.distance);
       const low = this.distance / 100, high = this.distance + 2.2 * this.reach, depth = low - high;
-      const lens = [1 / tangents[0], 0, 0, 0, 0, 1 / tangents[1], 0, 0, 0, 0, (low + high) / depth, -1, 0, 0, (2 * low * high) / depth, 0];
-      const clip = product(lens, seenFrom(axes, eye));
-      const light = SUN.map((a) => a / Math.hypot(...SUN)), wide = 2.2 * size;
-      const flat = [1 / wide, 0, 0, 0, 0, 1 / wide, 0, 0, 0, 0, -1 / (5 * size), 0, 0, 0, 0, 1];
-      const sun = product(flat, seenFrom(axesOf(Math.atan2(light[1], light[0]), Math.asin(light[2])), [0, 0, 0]));
-      const { layers, ground } = this.upload(this.parts(), target);
-      const cell = 10 ** Math.max(0, Math.round(Math.log10(size / 12))), wrapped = [0, 1].map((k) => target[k] % (5 * cell));
-      const start = (name, matrix) => {
-        const { program, places } = this.programs[name];
-        gl.useProgram(program);
-        gl.uniformMatrix4fv(places.clip, false, matrix);
-        if (!places.light) return places;
-        gl.uniformMatrix4fv(places.sun, false, sun);
-        for (const [key, value] of Object.entries({ light, eye, grid: numbers(theme.grid).slice(0, 3) }))
-          if (places[key]) gl.uniform3fv(places[key], value);
-        gl.uniform2fv(places.origin, wrapped);
-        gl.uniform1f(places.reach, this.reach);
-        gl.uniform1f(places.size, cell);
-        gl.uniform1i(places.ground, 0);
-        return places;
-      };
-      const bodies = ({ start: from, instances, triangles }, prefix, matrix) => {
-        const name = (kind) => (prefix ? `shadow${kind}` : kind.toLowerCase());
-        if (instances) {
-          start(name("Capsules"), matrix);
-          gl.bindVertexArray(this.arrays[0]);
-          gl.bindBuffer(gl.ARRAY_BUFFER, this.buffers.instances);
-          this.point(from.instances);
-          gl.drawElementsInstanced(gl.TRIANGLES, this.faces, gl.UNSIGNED_SHORT, 0, instances);
-        }
-        if (triangles) {
-          start(name("Meshes"), matrix);
-          gl.bindVertexArray(this.arrays[1]);
-          gl.drawElements(gl.TRIANGLES, triangles, gl.UNSIGNED_INT, 4 * from.triangles);
-        }
-      };
+      const lens = [1 / tangents[0], 0, 0, 0, 0, 1 / tangents[1], 0, 0];
+      lens.push(0, 0, (low + high) / depth, -1, 0, 0, (2 * low * high) / depth, 0);
+      this.clip = product(lens, seenFrom(axes, this.eye));
+      const wide = 2.2 * size, flat = [1 / wide, 0, 0, 0, 0, 1 / wide, 0, 0, 0, 0, -1 / (5 * size), 0, 0, 0, 0, 1];
+      this.sun = product(flat, seenFrom(axesOf(Math.atan2(SUN[1], SUN[0]), Math.asin(SUN[2])), [0, 0, 0]));
+    }
+
+    use(name, matrix, ground = 0) {
+      const { gl, cell } = this, { program, places } = this.programs[name];
+      gl.useProgram(program);
+      gl.uniformMatrix4fv(places.clip, false, matrix);
+      if (!places.light) return; // of shadows
+      gl.uniformMatrix4fv(places.sun, false, this.sun);
+      gl.uniform3fv(places.light, SUN);
+      gl.uniform3fv(places.eye, this.eye);
+      gl.uniform3fv(places.grid, numbers(THEMES[+this.dark].grid).slice(0, 3));
+      gl.uniform2fv(places.origin, [0, 1].map((k) => this.target[k] % (5 * cell)));
+      gl.uniform1f(places.reach, this.reach);
+      gl.uniform1f(places.size, cell);
+      gl.uniform1i(places.ground, ground);
+    }
+
+    bodies({ start, instances, triangles }, kind, matrix) {
+      const { gl } = this;
+      if (instances) {
+        this.use(`${kind}Capsules`, matrix);
+        gl.bindVertexArray(this.arrays[0]);
+        gl.bindBuffer(gl.ARRAY_BUFFER, this.buffers.instances);
+        this.point(start.instances);
+        gl.drawElementsInstanced(gl.TRIANGLES, this.faces, gl.UNSIGNED_SHORT, 0, instances);
+      }
+      if (triangles) {
+        this.use(`${kind}Meshes`, matrix);
+        gl.bindVertexArray(this.arrays[1]);
+        gl.drawElements(gl.TRIANGLES, triangles, gl.UNSIGNED_INT, 4 * start.triangles);
+      }
+    }
+
+    draw(width = this.element.clientWidth, height = this.element.clientHeight, density = Math.min(2, devicePixelRatio)) {
+      if (!(width && height)) return;
+      const { gl, canvas } = this;
+      for (const one of [canvas, this.over])
+        [one.width, one.height] = [width, height].map((side) => Math.round(side * density));
+      this.aim(width / height);
+      const { layers, ground } = this.upload(this.parts(), this.target);
       gl.bindFramebuffer(gl.FRAMEBUFFER, this.shadow);
       gl.viewport(0, 0, SHADOW, SHADOW);
-      gl.enable(gl.DEPTH_TEST);
-      gl.depthFunc(gl.LEQUAL);
       gl.disable(gl.BLEND);
       gl.enable(gl.POLYGON_OFFSET_FILL);
-      gl.polygonOffset(2, 4);
       gl.clear(gl.DEPTH_BUFFER_BIT);
-      for (const layer of layers.slice(0, 2)) bodies(layer, "shadow", sun);
+      for (const layer of layers.slice(0, 2)) this.bodies(layer, "shadow", this.sun);
       gl.disable(gl.POLYGON_OFFSET_FILL);
       gl.bindFramebuffer(gl.FRAMEBUFFER, null);
       gl.viewport(0, 0, canvas.width, canvas.height);
-      gl.clearColor(...numbers(theme.back));
+      gl.clearColor(...numbers(THEMES[+this.dark].back));
       gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-      bodies(layers[0], "", clip);
+      this.bodies(layers[0], "lit", this.clip);
       gl.enable(gl.BLEND);
-      gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
       gl.depthMask(false);
-      gl.uniform1i(start("meshes", clip).ground, 1);
+      this.use("litMeshes", this.clip, 1);
       gl.bindVertexArray(this.arrays[1]);
       gl.drawElements(gl.TRIANGLES, 6, gl.UNSIGNED_INT, 4 * ground);
       gl.depthMask(true);
       for (const layer of layers.slice(1)) { // first the depths alone, so that only the nearest surface is blended
         gl.colorMask(false, false, false, false);
-        bodies(layer, "shadow", clip);
+        this.bodies(layer, "shadow", this.clip);
         gl.colorMask(true, true, true, true);
-        bodies(layer, "", clip);
+        this.bodies(layer, "lit", this.clip);
       }
-      this.annotate(axes, cell, density);
+      this.annotate(density);
     }
 
-    annotate(axes, cell, density) { // directions of the axes and size of the grid
+    annotate(density) { // directions of the axes and size of the grid
+      const { axes, cell } = this;
       const context = this.over.getContext("2d"), high = this.over.height / density, { text } = THEMES[+this.dark];
       context.setTransform(density, 0, 0, density, 0, 0);
       context.clearRect(0, 0, this.over.width, this.over.height);
@@ -608,7 +622,8 @@ const Scene3d = (() => {
       mount(element) {
         element.style.height = "26rem";
         const goal = target && stateOf(target);
-        scene = new Scene(element, [{ name: "run", truss }], [stateOf(start)], { target: goal, longest, dark: theme.matches });
+        const options = { target: goal, longest, dark: theme.matches };
+        scene = new Scene(element, [{ name: "run", truss }], [stateOf(start)], options);
         scene.followed = "truss";
         theme.addEventListener("change", () => { scene.dark = theme.matches; scene.redraw(); });
       },
