@@ -13,8 +13,6 @@ SCALABLE = re.compile(r"(m|s|N|rad|J|W|Pa|Hz|V|A)(?![A-Za-z^²³⁴½])")
 """Units that may have a prefix; a power of the first unit would apply to the prefix, too."""
 SMALL_ONLY = re.compile(r"s|rad")
 """Units without prefixes for large numbers."""
-PLAIN_RANGE = 0.1, 1000.0
-"""Smallest and largest number without a prefix [-]."""
 
 _NUMBER = re.compile(r"-?\d+(\.\d*)?(e[-+]?\d+)?")
 _QUANTITY = re.compile(
@@ -47,7 +45,7 @@ def prefixed(value: float, unit: str, digits: int = 3) -> tuple[str, str]:
     unit, size, power = readable(unit), abs(value), 0
     if SCALABLE.match(unit) and 0.0 < size < math.inf:
         size = float(f"{size:.{digits}g}")  # 999.9 is 1 k
-        if not PLAIN_RANGE[0] <= size < PLAIN_RANGE[1]:
+        if not 0.1 <= size < 1000.0:
             power = 3 * math.floor(math.log10(size) / 3.0 + 1e-9)
         if power not in PREFIXES or (power > 0 and SMALL_ONLY.match(unit)):
             power = 0

@@ -204,17 +204,25 @@ def _note(runs: list[dict[str, Any]]) -> str:
     return f"{'; '.join(parts)}. The numbers in charts have four digits; the result files have all.{drawn}"
 
 
+def text_of(name: str) -> str:
+    """Return the text of a file of this package.
+
+    Parameters
+    ----------
+    name : str
+        Name of the file.
+    """
+    return files(__package__).joinpath(name).read_text(encoding="utf-8")
+
+
 def _text(
     title: str, head: dict[str, Any], packer: Packer, sections: Sequence[Section]
 ) -> str:
-    own = files("trussflow.models.viewer")
-    return Template(own.joinpath("page.html").read_text(encoding="utf-8")).substitute(
+    return Template(text_of("page.html")).substitute(
         title=escape(title),
         note=escape(_note(head["runs"])),
-        style=own.joinpath("page.css").read_text(encoding="utf-8"),
-        script="\n".join(
-            own.joinpath(name).read_text(encoding="utf-8") for name in SCRIPTS
-        ),
+        style=text_of("page.css"),
+        script="\n".join(map(text_of, SCRIPTS)),
         sections="".join(
             f"<section><h2>{escape(s.title)}</h2>{s.content}</section>\n"
             for s in sections

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from importlib.resources import files
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy.typing as npt
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.validation import frozen_array
 from trussflow.models.viewer.packing import Packer
+from trussflow.models.viewer.page import text_of
 from trussflow.models.viewer.scene import scene_of
 
 
@@ -77,10 +77,9 @@ def scene_panel(
         "start": truss.parameters["initial_coordinates"].tolist(),
         "target": goal,
     }
-    scene = files("trussflow.models.viewer").joinpath("scene3d.js")
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     return Panel(
-        scene.read_text(encoding="utf-8")
+        text_of("scene3d.js")
         # "<" could end the script
         + f"\nwindow.trussflowPanels.push(Scene3d.panel({text.replace('<', chr(92) + 'u003c')}));\n",
         tuple(names),

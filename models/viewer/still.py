@@ -133,10 +133,8 @@ def browsed(
             "cannot take a picture: no Chromium or Chrome is found; install one (package chromium), or set "
             "BROWSER_PATH to its program"
         )
-    settings = {"camera": camera, **asked}
-    words = urlencode(
-        {key: value for key, value in settings.items() if value is not None}
-    )
+    settings = {key: value for key, value in asked.items() if value is not None}
+    words = urlencode({"camera": camera} | settings)
     try:
         with tempfile.TemporaryDirectory() as profile:
             command = [
