@@ -264,7 +264,7 @@ const Scene3d = (() => {
 
   class Scene {
     // `runs` have a name and a truss, `states` their first state (see `posed`; with force and torque of the bases);
-    // `cloud` are points that the picture shows [m], `paths` those of the roots, `longest` the largest force and torque.
+    // `cloud` are poses that the picture shows, `paths` those of the roots, `longest` the largest force and torque.
     constructor(element, runs, states, { target, cloud = [], paths = [], longest = {}, camera = "oblique", dark = false }) {
       this.element = element;
       this.canvas = element.appendChild(document.createElement("canvas"));
@@ -280,7 +280,9 @@ const Scene3d = (() => {
       this.goal = target && posed(runs[0].truss, target, 0);
       this.half = this.sizes[0].half.map((a) => a + 2 * MARGIN);
       this.poses = runs.map(({ truss }, k) => posed(truss, states[k], 1));
-      this.cloud = [...cloud, ...this.poses, this.goal].flatMap((pose) => (pose ? cornersOf(pose).filter(near) : []));
+      const corners = [...cloud, ...this.poses, this.goal].flatMap((pose) => (pose ? cornersOf(pose) : []));
+      this.cloud = corners.filter(near);
+      this.lost = this.cloud.length < corners.length;
       const extent = ([low, high], value) => [Math.min(low, value), Math.max(high, value)];
       this.bounds = [0, 1, 2].map((k) => this.cloud.map((point) => point[k]).reduce(extent, [Infinity, -Infinity]));
       this.prepare();
@@ -291,7 +293,7 @@ const Scene3d = (() => {
 
     get far() { // whether the motion is too long for a picture of all of it
       const size = Math.max(...this.half);
-      return this.bounds.some(([low, high]) => !(high - low < FAR * 2 * size));
+      return this.lost || this.bounds.some(([low, high]) => !(high - low < FAR * 2 * size));
     }
 
     prepare() {
