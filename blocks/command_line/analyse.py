@@ -47,12 +47,8 @@ def analyse(options: argparse.Namespace) -> Outcome:
         )
     loop, table = loop_transfer(diagram, options.at), modal_table(diagram, options.at)
     try:
-        margins = asdict(margins_of(loop))
-        lines = [
-            f"{name}: gain {m['gain_down']:.3g} to {m['gain_up']:.3g}, phase {m['phase']:.3g}°, "
-            f"delay {m['delay']:.3g} s"
-            for name, m in margins["channels"].items()
-        ]
+        found = margins_of(loop)
+        margins, lines = asdict(found), [str(found)]
     except LinearAnalysisError as error:  # the closed loop is unstable
         unstable = str(error)
         lines = [unstable]

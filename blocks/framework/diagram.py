@@ -448,6 +448,9 @@ class Diagram(Netlist):
     def _repr_svg_(self) -> str:
         return self.draw()
 
+    def _repr_html_(self) -> None:
+        """Return None, as notebooks prefer HTML to the picture."""
+
     def _described(self) -> Description:
         own, blocks = super()._described(), self.__dict__.get("blocks", {}).values()
         return replace(

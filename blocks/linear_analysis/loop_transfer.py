@@ -36,6 +36,7 @@ from trussflow.blocks.linear_analysis.references import (
     named,
 )
 from trussflow.blocks.support.call_site import warn
+from trussflow.blocks.support.summary import Described, Description
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import frequencies
 from trussflow.blocks.tracing.sorted_order import components
@@ -196,9 +197,9 @@ def sensitivity(
     return model
 
 
-@dataclass(frozen=True, slots=True)
-class LoopMargins:
-    """Margins of a loop in one or several channels.
+@dataclass(frozen=True, slots=True, repr=False)
+class LoopMargins(Described):
+    """Margins of a loop in one or several channels; they print as a table.
 
     Attributes
     ----------
@@ -217,6 +218,24 @@ class LoopMargins:
     gain: float
     phase: float
     frequency: float
+
+    def _described(self) -> Description:
+        table = {}
+        for name, channel in self.channels.items():
+            with np.errstate(divide="ignore"):  # without a limit the factor is zero
+                gains = 20.0 * np.log10([channel.gain_down, channel.gain_up])
+            table[name] = {
+                "gain": f"{gains[0]:.1f} to {gains[1]:.1f} dB",
+                "phase": f"{channel.phase:.1f}°",
+                "delay": f"{channel.delay:.3g} s",
+                "crossover": f"{channel.crossover:.3g} rad/s",
+                "disk": f"{channel.disk:.3f}",
+            }
+        together = (
+            f"disk {self.disk:.3f} (±{self.gain:.1f} dB, ±{self.phase:.1f}°) "
+            f"at {self.frequency:.3g} rad/s"
+        )
+        return Description(f"margins; all channels at once: {together}", table=table)
 
 
 def loop_margins(

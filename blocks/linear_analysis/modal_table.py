@@ -74,7 +74,7 @@ class ModalTable(Described):
     modes: tuple[OscillatingMode, ...]
 
     def _described(self) -> Description:
-        facts = {}
+        table = {}
         for number, mode in enumerate(self.modes, 1):
             strongest = sorted(mode.shares.items(), key=lambda item: -item[1])[
                 :SHOWN_INPUTS
@@ -82,11 +82,12 @@ class ModalTable(Described):
             driven = ", ".join(
                 f"{name} {share:.0%}" for name, share in strongest if share >= 0.005
             )
-            facts[f"mode {number}"] = (
-                f"{mode.frequency:10.4g} Hz, damping {mode.damping_ratio:z7.3%}, "
-                f"driven by {driven or 'no input'}"
-            )
-        return Description(f"oscillating modes of {self.name}", facts)
+            table[f"mode {number}"] = {
+                "frequency": f"{mode.frequency:.4g} Hz",
+                "damping ratio": f"{mode.damping_ratio:z.3%}",
+                "driven by": driven or "no input",
+            }
+        return Description(f"oscillating modes of {self.name}", table=table)
 
 
 def modal_table(
@@ -123,7 +124,8 @@ def modal_table(
     >>> from trussflow.blocks import TransferFunction, modal_table
     >>> modal_table(TransferFunction([1.0], [1.0, 0.04, 4.0, 0.0]))
     oscillating modes of TransferFunction
-      mode 1      0.3183 Hz, damping  1.000%, driven by u 100%
+              frequency  damping ratio  driven by
+      mode 1  0.3183 Hz  1.000%         u 100%
     """
     if isinstance(item, Block):
         ports = item.inputs() if inputs is None else inputs

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import multiprocessing
 import sys
 import threading
 import time
+import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator
 from typing import Any, TypeVar
 
-from tqdm import tqdm
-
 from trussflow.blocks.errors import TimeLimitError
+
+with warnings.catch_warnings():
+    # In notebooks without ipywidgets it warns, and displays the bars as text.
+    warnings.simplefilter("ignore")
+    from tqdm.auto import tqdm
 
 
 class Display:
@@ -128,6 +133,12 @@ class RunBar(ProgressBar):
                 f"the run takes longer than {self._limit:g} s; the logged data are kept"
             )
         return super().update(n)
+
+    def close(self) -> None:
+        """Close the bar; notebooks mark a bar as failed if it is less than full, also by round-off."""
+        if not self.disable and math.isclose(self.n, self.total, rel_tol=1e-9):
+            self.n = self.total
+        super().close()
 
     @property
     def format_dict(self) -> dict[str, Any]:

@@ -187,9 +187,8 @@ def test_analyse_gives_modes_margins_and_picture(tmp_path, loop, capsys):
         == 0
     )
     assert (tmp_path / "loop.png").stat().st_size > 0
-    assert (
-        f"pendulum/torque: gain {gravity / 80.0:.3g} to inf" in capsys.readouterr().out
-    )
+    gain = 20.0 * np.log10(gravity / 80.0)
+    assert f"pendulum/torque  {gain:.1f} to inf dB" in capsys.readouterr().out
     assert main(["analyse", loop, "--at", "pendulum.torque", "--json"]) == 0
     (mode,) = json.loads(capsys.readouterr().out)["modes"]
     assert mode["frequency"] == pytest.approx(omega / (2 * np.pi), rel=1e-9)

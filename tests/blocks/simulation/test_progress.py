@@ -73,6 +73,14 @@ def test_round_off_does_not_overfill_the_bar(clock, capsys):
     assert "100 %" in capsys.readouterr().err
 
 
+def test_round_off_leaves_no_bar_of_a_failed_run():
+    """Notebooks show one that is not full; ten times 0.1 is 1 - 1.1e-16."""
+    with RunBar("mission", 1.0, True) as bar:
+        for _ in range(10):
+            bar.update(0.1)
+    assert bar.n == 1.0
+
+
 class Unread(io.StringIO):
     """A pipe that nobody reads."""
 
