@@ -11,7 +11,6 @@ import sys
 from pathlib import Path
 
 from latex2mathml.converter import convert
-from sphinx_gallery import notebook
 from tqdm import tqdm
 
 import trussflow
@@ -91,7 +90,8 @@ sphinx_gallery_conf = {
     "ignore_pattern": r"/_",
     "within_subsection_order": "FileNameSortKey",
     "image_scrapers": (scrape, "matplotlib"),
-    "capture_repr": (),
+    "capture_repr": ("_repr_html_",),
+    "ignore_repr_types": r"trussflow\.blocks\.(?!linear_analysis)",  # values of wires
     "download_all_examples": False,
     "show_signature": False,
     "show_memory": False,
@@ -132,10 +132,6 @@ def relink(app, name, source) -> None:
     if (HERE / f"{name}.md").is_file():
         source[0] = linked(source[0], (HERE / name).parent)
     source[0] = source[0].replace(f"{ROOT}/", "")
-    if name == "tutorial":
-        source[0] += (
-            '\n<a href="tutorial.ipynb" download>This tutorial as a Jupyter notebook</a>\n'
-        )
 
 
 # -- the reference ------------------------------------------------------------------------------
@@ -398,21 +394,8 @@ def formula(translator, node) -> None:
     raise importlib.import_module("docutils.nodes").SkipNode
 
 
-def write_notebook(page: Path, file: Path) -> None:
-    """Write a page as a Jupyter notebook, with its Python fences as code cells."""
-    cells = notebook.jupyter_notebook_skeleton()
-    parts = re.split(
-        r"```python\n(.*?)```\n", page.read_text(encoding="utf-8"), flags=re.DOTALL
-    )
-    for k, part in enumerate(parts):
-        add = notebook.add_code_cell if k % 2 else notebook.add_markdown_cell
-        add(cells, part)
-    notebook.save_notebook(cells, file)
-
-
 def write_sources(app) -> None:
-    """Write the pages of the reference, and the tutorial as a notebook."""
-    write_notebook(HERE / "tutorial.md", HERE / "pages" / "tutorial.ipynb")
+    """Write the pages of the reference."""
     folder = HERE / "reference"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()

@@ -9,16 +9,26 @@ The other four tutorials use the same loop.
 Each page of the tutorial is a script and a notebook; both can be downloaded at its end.
 """
 
+import numpy as np
+
+from trussflow.blocks import (
+    Diagram,
+    DisturbanceObserver,
+    IntegralSlidingMode,
+    Quintic,
+    WeightedAllocation,
+    plot,
+    simulate,
+)
+from trussflow.models import NominalModel, SpaceTruss
+from trussflow.models.viewer import replay
+
 # %%
 # The plant
 # ---------
 #
 # A block has input ports, output ports, states and parameters. ``SpaceTruss`` is the whole plant: the truss with
 # six bending modes, and four robots with seven joints each. ``published()`` has the paper's equations and data.
-
-import numpy as np
-
-from trussflow.models import SpaceTruss
 
 plant = SpaceTruss.published()
 plant
@@ -40,15 +50,6 @@ plant
 # * ``DisturbanceObserver`` (NDO) estimates the acceleration that the model of the controller does not explain.
 # * ``NominalModel`` converts accelerations to forces and torques, by the equations of motion.
 # * ``WeightedAllocation`` distributes 34 generalized forces to 52 actuators, with least weighted effort.
-
-from trussflow.blocks import (
-    Diagram,
-    DisturbanceObserver,
-    IntegralSlidingMode,
-    Quintic,
-    WeightedAllocation,
-)
-from trussflow.models import NominalModel
 
 units = plant.task_units
 displacement = np.zeros(34)
@@ -78,17 +79,18 @@ trajectory, control, observer, model, allocation, truss = loop.add(
 # ---------
 #
 # ``>>`` connects an output port to an input port. Shapes and units are checked at once: a position [m] cannot
-# drive a velocity [m/s]. The controller compares the trajectory with the measured motion:
+# drive a velocity [m/s]. There are three groups of wires:
+#
+# * The controller compares the trajectory with the measured motion.
+# * The nominal model needs the present coordinates and speeds, and the two parts of the acceleration. The observer
+#   receives the measured speeds and the acceleration that the model expects; its estimate returns to the model.
+# * The allocation closes the loop. It uses the present actuation matrix, which the model computes.
 
 trajectory.position >> control.reference_position
 trajectory.velocity >> control.reference_velocity
 trajectory.acceleration >> control.reference_acceleration
 truss.task_position >> control.position
 truss.task_velocity >> control.velocity
-
-# %%
-# The nominal model needs the present coordinates and speeds, and the two parts of the acceleration. The observer
-# receives the measured speeds and the acceleration that the model expects; its estimate returns to the model:
 
 truss.coordinates >> model.coordinates
 truss.speeds >> model.speeds
@@ -97,10 +99,6 @@ control.feedback >> model.feedback
 truss.rigid_speeds >> observer.velocity
 model.nominal_acceleration >> observer.nominal_acceleration
 observer.disturbance_estimate >> model.disturbance_estimate
-
-# %%
-# The allocation closes the loop. Its weights depend on the present attitude through the actuation matrix, which
-# the model computes:
 
 model.generalized_force >> allocation.demand
 model.actuation_matrix >> allocation.effectiveness
@@ -118,8 +116,6 @@ loop.draw("loop.svg")
 # ``simulate`` compiles the equations of all blocks to C, which takes some seconds at the first run, and integrates
 # them with the classical Runge–Kutta method. The step is 1 ms, as in the paper. Logged are four signals, every
 # 10 ms. The last 20 s show whether the truss rests after the motion.
-
-from trussflow.blocks import plot, simulate
 
 log = [control.error, truss.coordinates, truss.base_force, truss.base_torque]
 result = simulate(loop, 80.0, step=1e-3, log=log, log_step=0.01)
@@ -153,8 +149,6 @@ figure = plot(position, "control.error")
 #
 # ``replay`` writes a page with the moving truss and charts of all logged signals. Deformations are exaggerated,
 # and a click in a chart sets the time.
-
-from trussflow.models.viewer import replay
 
 replay(result, truss, "transport.html", title="Case 1 of the paper")
 

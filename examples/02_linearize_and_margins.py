@@ -6,18 +6,18 @@ The loop of :doc:`tutorial 1 </gallery/01_wire_and_simulate>` is linearized at r
 and margins, and closes a path that the paper leaves out. With that path the published loop is unstable.
 """
 
+from dataclasses import replace
+
+from trussflow.blocks import linearize, loop_margins, modal_bode, modal_table, trim
+from trussflow.models import SpaceTruss
+from trussflow.models.transport import Mission, transport_diagram
+
 # %%
 # A law with a slope
 # ------------------
 #
 # The published law contains the error to the power 0.9, which has an infinite slope at zero error. A linear analysis
 # needs a finite slope, so the exponent is 1 here and the switching gain 0.
-
-from dataclasses import replace
-
-from trussflow.blocks import linearize, loop_margins, modal_bode, modal_table, trim
-from trussflow.models import SpaceTruss
-from trussflow.models.transport import Mission, transport_diagram
 
 law = replace(Mission.of_case(1), exponent=1.0, switching_gain=0.0)
 loop = transport_diagram(law, SpaceTruss.published())

@@ -6,6 +6,29 @@ A flight computer holds its commands, sensors are noisy, and thrusters have a sm
 slowest sample time of the paper's loop, and then adds hardware to one axis of it.
 """
 
+from dataclasses import replace
+
+import pandas as pd
+
+from trussflow.blocks import (
+    Diagram,
+    DisturbanceObserver,
+    Gain,
+    IntegralSlidingMode,
+    Integrator,
+    Quantizer,
+    Quintic,
+    Saturation,
+    ZeroOrderHold,
+    linearize,
+    plot,
+    sampled_delay,
+    simulate,
+)
+from trussflow.blocks.errors import DivergenceError
+from trussflow.models import Measurement, SpaceTruss
+from trussflow.models.transport import Mission, transport_diagram
+
 # %%
 # A computer that holds its commands
 # ----------------------------------
@@ -13,15 +36,6 @@ slowest sample time of the paper's loop, and then adds hardware to one axis of i
 # ``ZeroOrderHold`` samples its input and holds it. It is inserted between allocation and truss: ``disconnect`` removes
 # a wire, and ``>>`` draws the two new ones. The exponent of the law is 1, as in
 # :doc:`tutorial 2 </gallery/02_linearize_and_margins>`.
-
-from dataclasses import replace
-
-import pandas as pd
-
-from trussflow.blocks import ZeroOrderHold, linearize, simulate
-from trussflow.blocks.errors import DivergenceError
-from trussflow.models import SpaceTruss
-from trussflow.models.transport import Mission, transport_diagram
 
 law = replace(Mission.of_case(1), exponent=1.0, switching_gain=0.0)
 
@@ -70,28 +84,14 @@ except DivergenceError as error:
 #
 # Output ports can be added: ``+`` and ``-`` make a ``Sum``.
 
-from trussflow.blocks import (
-    Diagram,
-    DisturbanceObserver,
-    Gain,
-    IntegralSlidingMode,
-    Integrator,
-    Quantizer,
-    Quintic,
-    Saturation,
-    plot,
-    sampled_delay,
-)
-from trussflow.models import Measurement
-
-MASS = 577.3  # kg
-PERIOD = 0.02  # s
+TRUSS_MASS = 577.3  # kg
+SAMPLE_TIME = 0.02  # s
 
 
 def axis(bandwidth, noise, quantum):
     """Return the loop of one axis; bandwidth of the observer [1/s], noise [m, m/s], smallest thrust [N]."""
     loop = Diagram("axis")
-    sensor = Measurement(sample_time=PERIOD, noise=noise)
+    sensor = Measurement(sample_time=SAMPLE_TIME, noise=noise)
     trajectory, control, observer, sensed_position, sensed_velocity = loop.add(
         trajectory=Quintic([6.0], 60.0),
         control=IntegralSlidingMode(
@@ -102,11 +102,11 @@ def axis(bandwidth, noise, quantum):
         sensed_velocity=sensor.sensor(1, seed=2),
     )
     demand, computer, limit, valves, acceleration, velocity, position = loop.add(
-        demand=Gain(MASS),
-        computer=sampled_delay(PERIOD, delay=PERIOD),
+        demand=Gain(TRUSS_MASS),
+        computer=sampled_delay(SAMPLE_TIME, delay=SAMPLE_TIME),
         limit=Saturation(-10.0, 10.0),
-        valves=Quantizer(quantum, PERIOD),
-        acceleration=Gain(1.0 / MASS),
+        valves=Quantizer(quantum, SAMPLE_TIME),
+        acceleration=Gain(1.0 / TRUSS_MASS),
         velocity=Integrator([0.0]),
         position=Integrator([0.0]),
     )

@@ -306,7 +306,13 @@ def plot(result: xr.Dataset, *names: str) -> Figure:
 
 
 class ResultAccessor:
-    """Methods of a `result` under the name ``result.trussflow``."""
+    """Methods of a result under the name ``result.trussflow``.
+
+    Parameters
+    ----------
+    result : xarray.Dataset
+        Result of `simulate`.
+    """
 
     def __init__(self, result: xr.Dataset) -> None:
         self._result = result
