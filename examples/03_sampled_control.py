@@ -33,9 +33,9 @@ from trussflow.models.transport import Mission, transport_diagram
 # A computer that holds its commands
 # ----------------------------------
 #
-# ``ZeroOrderHold`` samples its input and holds it. It is inserted between allocation and truss: ``disconnect`` removes
-# a wire, and ``>>`` draws the two new ones. The exponent of the law is 1, as in
-# :doc:`tutorial 2 </gallery/02_linearize_and_margins>`.
+# ``ZeroOrderHold`` samples its input and holds it. It is inserted between allocation and truss: ``disconnect``
+# removes a wire, and ``>>`` draws the two new ones. The exponent of the law is 1, as in :doc:`tutorial 2
+# </gallery/02_linearize_and_margins>`.
 
 law = replace(Mission.of_case(1), exponent=1.0, switching_gain=0.0)
 
@@ -54,8 +54,8 @@ held(2e-3).draw("held_loop.svg")
 # %%
 # Colours mark sample times: the coloured block is sampled, all others are continuous.
 #
-# A loop with sampled blocks has a linear model from sample to sample. It is stable if all poles are inside the unit
-# circle. The largest size of a pole, for four periods:
+# A loop with sampled blocks has a linear model from sample to sample. It is stable if all poles are inside the
+# unit circle. The largest size of a pole, for four periods:
 
 sizes = {}
 for period in (0.5e-3, 1e-3, 1.5e-3, 2e-3):  # s
@@ -64,8 +64,8 @@ for period in (0.5e-3, 1e-3, 1.5e-3, 2e-3):  # s
 pd.DataFrame({"largest pole": sizes}).round(5)
 
 # %%
-# The loop tolerates 1.5 ms, but not 2 ms. Tutorial 2 found a delay margin of 1.3 ms at one force. A hold delays its
-# input by half a period on average, and here it delays all 52 commands at once.
+# The loop tolerates 1.5 ms, but not 2 ms. Tutorial 2 found a delay margin of 1.3 ms at one force. A hold delays
+# its input by half a period on average, and here it delays all 52 commands at once.
 #
 # The simulation agrees. A run that diverges raises an error, which names the first signal and the time:
 
@@ -78,8 +78,8 @@ except DivergenceError as error:
 # One axis of the loop
 # --------------------
 #
-# Flight computers sample about every 20 ms, ten times too slow for this loop. The fast part is the coupling
-# of joints and bases. Without the joints, truss and robots are a mass of 577 kg on each axis, and the same laws work.
+# Flight computers sample about every 20 ms, ten times too slow for this loop. The fast part is the coupling of
+# joints and bases. Without the joints, truss and robots are a mass of 577 kg on each axis, and the same laws work.
 # The rest of the tutorial builds this axis and gives it hardware.
 #
 # Output ports can be added: ``+`` and ``-`` make a ``Sum``.
@@ -89,7 +89,7 @@ SAMPLE_TIME = 0.02  # s
 
 
 def axis(bandwidth, noise, quantum):
-    """Return the loop of one axis; bandwidth of the observer [1/s], noise [m, m/s], smallest thrust [N]."""
+    """Return the loop of an axis: bandwidth [1/s], noise [m, m/s], smallest thrust [N]."""
     loop = Diagram("axis")
     sensor = Measurement(sample_time=SAMPLE_TIME, noise=noise)
     trajectory, control, observer, sensed_position, sensed_velocity = loop.add(
@@ -126,9 +126,9 @@ def axis(bandwidth, noise, quantum):
 axis(1.0, 1e-4, 0.1).draw("axis.svg")
 
 # %%
-# ``Measurement`` describes a sensor, and ``sensor`` makes a block of it: sampled every 20 ms, with a different noise for
-# each seed. The computer holds its command for 20 ms and delays it by another 20 ms. The thrusters give at most 10 N,
-# in steps of 0.1 N. The law itself is computed in continuous time between the samples.
+# ``Measurement`` describes a sensor, and ``sensor`` makes a block of it: sampled every 20 ms, with a different
+# noise for each seed. The computer holds its command for 20 ms and delays it by another 20 ms. The thrusters give
+# at most 10 N, in steps of 0.1 N. The law itself is computed in continuous time between the samples.
 
 
 def run(bandwidth, noise, quantum):
@@ -143,14 +143,14 @@ def run(bandwidth, noise, quantum):
 plot(run(4.0, 1e-4, 0.1))
 
 # %%
-# The truss is up to 1.9 mm ahead of its trajectory: it moves at up to 0.19 m/s, and the sensor holds a position that is
-# 10 ms old on average. The thrust is rough, and the thrusters fire after the motion, too.
+# The truss is up to 1.9 mm ahead of its trajectory: it moves at up to 0.19 m/s, and the sensor holds a position
+# that is 10 ms old on average. The thrust is rough, and the thrusters fire after the motion, too.
 #
 # Bandwidth and noise
 # -------------------
 #
-# The paper's observer has a bandwidth of 4 1/s. It takes noise of the velocity for a disturbance, and the thrusters
-# follow. The mean sizes in the last 10 s, after the motion, for three bandwidths:
+# The paper's observer has a bandwidth of 4 1/s. It takes noise of the velocity for a disturbance, and the
+# thrusters follow. The mean sizes in the last 10 s, after the motion, for three bandwidths:
 
 rows = {}
 for bandwidth in (4.0, 1.0, 0.25):  # 1/s
@@ -162,14 +162,14 @@ for bandwidth in (4.0, 1.0, 0.25):  # 1/s
 pd.DataFrame(rows).T.round(4)
 
 # %%
-# The error is the same, since it is that of the sensors. With 1 1/s the thrusters fire 40 % less than with 4 1/s. A lower
-# bandwidth reacts later to real disturbances.
+# The error is the same, since it is that of the sensors. With 1 1/s the thrusters fire 40 % less than with 4 1/s.
+# The price is a slower reaction to real disturbances.
 #
 # The smallest thrust
 # -------------------
 #
-# Without noise, the steps of the thrusters remain. With steps of 2 N the truss coasts between short pulses, and the
-# position oscillates by 0.25 mm:
+# Without noise, the steps of the thrusters remain. With steps of 2 N the truss coasts between short pulses, and
+# the position oscillates by 0.25 mm:
 
 coarse = run(1.0, 0.0, 2.0)
 plot(coarse.isel(time=slice(6000, None)))
@@ -178,9 +178,9 @@ plot(coarse.isel(time=slice(6000, None)))
 # To try
 # ------
 #
-# * ``Hardware.flight()`` has thrusters, wheels, drives and sensors of the whole truss, and
-#   ``mean_axes_transport`` a controller that needs a sample only every 20 ms
-#   (:doc:`mean-axes control </mean_axes>`, :doc:`example with failures </gallery/missions/hardware>`).
+# * ``Hardware.flight()`` has thrusters, wheels, drives and sensors of the whole truss, and ``mean_axes_transport``
+#   a controller that needs a sample only every 20 ms (:doc:`mean-axes control </mean_axes>`, :doc:`example with
+#   failures </gallery/missions/hardware>`).
 # * ``Session`` advances a run step by step, for hardware in the loop (:doc:`example </gallery/blocks/session>`).
 # * ``trussflow.fmu.export(law, "law.c", kind="c", step=0.02)`` writes a controller as C for the flight computer
 #   (:doc:`example </gallery/loops/controller_in_c>`).

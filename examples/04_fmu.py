@@ -19,8 +19,8 @@ from trussflow.models.transport import Mission, transport_diagram
 # Out
 # ---
 #
-# ``export`` writes the equations of a block as C, compiles them, and packs sources, binary and description into one
-# file. The FMU needs neither Python nor this package. It offers both kinds of FMI 3.0: co-simulation (the FMU
+# ``export`` writes the equations of a block as C, compiles them, and packs sources, binary and description into
+# one file. The FMU needs neither Python nor this package. It offers both kinds of FMI 3.0: co-simulation (the FMU
 # integrates itself, here in steps of 1 ms) and model exchange (the importing tool integrates).
 
 plant = SpaceTruss.published()
@@ -30,8 +30,8 @@ export(plant, "space_truss.fmu", version="3.0", step=1e-3)
 # Another tool
 # ------------
 #
-# FMPy is an independent implementation of the standard. Its validator checks the file, and its simulator runs it. The
-# input is the force of base 4 along z, one of 52 actuators:
+# FMPy is an independent implementation of the standard. Its validator checks the file, and its simulator runs it.
+# The input is the force of base 4 along z, one of 52 actuators:
 
 push = np.zeros(52)
 push[20] = 2.0  # N
@@ -63,8 +63,8 @@ pushed.ground(truss.modal_force)
 pushed.draw("pushed.svg")
 
 # %%
-# ``ground`` sets the second input to zero. Without this line the next one raises an error, since open inputs are never
-# zero by accident. The position agrees with FMPy to the last digit, as both step the same code:
+# ``ground`` sets the second input to zero. Without this line the next one raises an error, since open inputs are
+# never zero by accident. The position agrees with FMPy to the last digit, as both step the same code:
 
 result = simulate(pushed, 0.2, step=1e-3, log=[truss.task_position])
 print(f"z = {float(result['truss.task_position'][-1, 2]):.15e} m")
@@ -73,9 +73,10 @@ print(f"z = {float(result['truss.task_position'][-1, 2]):.15e} m")
 # In the paper's loop
 # -------------------
 #
-# The FMU replaces the plant of the loop. ``add`` with the name of a block that is there replaces the block, and the new
-# one takes over the wires. Some outputs of the truss depend on the actuation at the same instant. A co-simulation has
-# the actuation of the next step only after these outputs; ``delayed=True`` accepts those of the previous instant.
+# The FMU replaces the plant of the loop. ``add`` with the name of a block that is there replaces the block, and
+# the new one takes over the wires. Some outputs of the truss depend on the actuation at the same instant. A
+# co-simulation has the actuation of the next step only after these outputs; ``delayed=True`` accepts those of the
+# previous instant.
 
 loop = transport_diagram(Mission.of_case(1), SpaceTruss.published())
 log = {"log": ["truss.base_force", "errors.error"], "step": 1e-3}
@@ -93,14 +94,14 @@ print("largest force     ", float(abs(expected["truss.base_force"]).max()), "N")
 print("largest difference", float(abs(difference).max()), "N")
 
 # %%
-# The difference is the price of co-simulation: the actuation is held for 1 ms. The loop of
-# :doc:`tutorial 3 </gallery/03_sampled_control>` tolerates 1.5 ms. A shorter step reduces the difference, and so does
-# model exchange (``kind="me"``), where the solver of the diagram integrates the FMU.
+# The difference is the price of co-simulation: the actuation is held for 1 ms. The loop of :doc:`tutorial 3
+# </gallery/03_sampled_control>` tolerates 1.5 ms. A shorter step reduces the difference.
 
 # %%
 # To try
 # ------
 #
+# * ``Fmu(path, kind="me")`` is for model exchange: a continuous block that the solver of the diagram integrates.
 # * ``export(plant, "plant.fmu", version="2.0")`` writes FMI 2.0, for older tools.
 # * ``Fmu(path, time_limit=10.0)`` runs an FMU that you do not trust to end in a process of its own.
 # * ``cosimulate`` couples several FMUs (:doc:`example </gallery/loops/cosimulation>`, :doc:`guide </exchange>`).

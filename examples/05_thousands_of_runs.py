@@ -65,12 +65,13 @@ loop.draw("axis.svg")
 # The sweep
 # ---------
 #
-# ``vary`` maps parameters and initial states to distributions of ``scipy.stats``: the mass is uncertain by 15 %, the pull
-# has a standard deviation of 1 N, and the truss begins with an error of a few centimetres. ``keep`` maps names to what
-# is kept of each run: a reduction of a signal, here peak and final value, or a function of the whole result.
+# ``vary`` maps parameters and initial states to distributions of ``scipy.stats``: the mass is uncertain by 15 %,
+# the pull has a standard deviation of 1 N, and the truss begins with an error of a few centimetres. ``keep`` maps
+# names to what is kept of each run: a reduction of a signal, here peak and final value, or a function of the whole
+# result.
 #
-# Parameters are inputs of the compiled code, so that new values need no compilation. The runs are divided among worker
-# processes. A thousand runs take some seconds; ``samples=100_000`` works in the same way.
+# Parameters are inputs of the compiled code, so that new values need no compilation. The runs are divided among
+# worker processes. A thousand runs take some seconds; ``samples=100_000`` works in the same way.
 
 swept = sweep(
     loop,
@@ -90,18 +91,17 @@ swept = sweep(
 swept["status"].to_series().value_counts().to_frame()
 
 # %%
-# The result is a dataset along ``sample``; the varied values are its coordinates. Quantiles of the peak force [N] and
-# of the error 10 s after the motion [m]:
+# The result is a dataset along ``sample``; the varied values are its coordinates. Quantiles of the peak force [N]
+# and of the error 10 s after the motion [m]:
 
 swept["error"] = abs(swept["error"])
 swept[["force", "error"]].quantile([0.05, 0.5, 0.95, 1.0]).to_dataframe()
 
 # %%
-# What makes a run bad
-# --------------------
+# Critical values
+# ---------------
 #
-# Each point is a run. The thrusters reach their limit in many runs, but only large pulls leave an error. It is larger if
-# the pull is positive, along the motion.
+# Each point is a run. Many runs reach the limit of the thrusters for a while. Only pulls above 2 N leave an error.
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.5), layout="constrained")
 left.scatter(swept["pull.value[0]"], swept["force"], 4)
@@ -118,21 +118,23 @@ plt.show()
 
 worst = int(swept["error"].values.argmax())
 result = rerun(loop, swept, worst)
-print({name: float(swept[name][worst]) for name in ("mass.gain", "pull.value[0]")})
+print(f"mass {1 / float(swept['mass.gain'][worst]):.0f} kg")
+print(f"pull {float(swept['pull.value[0]'][worst]):.2f} N")
 result["control.error"].attrs["units"] = "m"
 result["limit.y"].attrs["units"] = "N"
 plot(result, "control.error", "limit.y")
 
 # %%
-# The mass is near its largest value, and the pull acts in the direction of motion. The thrusters have to brake both, and
-# are at their limit from 39 s on. No gain of the controller helps: the mission needs more time or stronger thrusters.
+# A large mass is pulled against the motion. From 6 s on the thrusters are at their limit, so that the truss falls
+# behind. The integral of the controller grows meanwhile, and the truss overshoots. The mission needs more time or
+# stronger thrusters.
 
 # %%
 # The whole truss
 # ---------------
 #
-# A short model finds the critical cases; the complete model confirms them. The same function varies the bandwidth of the
-# observer in the loop of tutorial 1. A list of values is a grid:
+# A short model finds the critical cases; the complete model confirms them. The same function varies the bandwidth
+# of the observer in the loop of tutorial 1. A list of values is a grid:
 
 bandwidths = sweep(
     transport_diagram(Mission.of_case(1), SpaceTruss.published()),
@@ -148,8 +150,8 @@ bandwidths = sweep(
 bandwidths[["force", "error"]].to_dataframe()
 
 # %%
-# A larger bandwidth gives a smaller position error [m] at the same force [N]: the error of the observer is at most the
-# rate of change of the disturbance, divided by the bandwidth. Tutorial 3 shows the price, noise.
+# A larger bandwidth gives a smaller position error [m] at a little more force [N]: the error of the observer is at
+# most the rate of change of the disturbance, divided by the bandwidth. Tutorial 3 shows the price, noise.
 
 # %%
 # To try

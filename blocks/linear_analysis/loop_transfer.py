@@ -228,7 +228,9 @@ class LoopMargins(Described):
                 "gain": f"{gains[0]:.1f} to {gains[1]:.1f} dB",
                 "phase": f"{channel.phase:.1f}°",
                 "delay": f"{channel.delay:.3g} s",
-                "crossover": f"{channel.crossover:.3g} rad/s",
+                "crossover": f"{channel.crossover:.3g} rad/s".replace(
+                    "nan rad/s", "none"
+                ),
                 "disk": f"{channel.disk:.3f}",
             }
         together = (

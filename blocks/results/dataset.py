@@ -299,8 +299,9 @@ def plot(result: xr.Dataset, *names: str) -> Figure:
         groups.setdefault(signal.attrs.get("units", ""), []).append(str(name))
     figure, rows = subplots(max(1, len(groups)))
     for axes, (unit, group) in zip(rows, groups.items(), strict=False):
+        units = ", ".join(dict.fromkeys(readable(unit).split(", ")))  # each once
         to_pandas(result[group]).plot(
-            ax=axes, xlabel="time [s]", ylabel=f"[{readable(unit)}]" if unit else ""
+            ax=axes, xlabel="time [s]", ylabel=f"[{units}]" if unit else ""
         )
     return figure
 

@@ -9,6 +9,9 @@ from html import escape
 MAX_LINE_LENGTH = 110
 """Largest number of characters in a line of text."""
 
+LEFT_ALIGNED = 'style="text-align: left"'
+"""Attribute of table cells, as notebooks align them to the right."""
+
 
 @dataclass(frozen=True, slots=True)
 class Description:
@@ -48,8 +51,10 @@ class Description:
             text += "<table>"
             for name, *cells in table:
                 tag = "td" if name else "th"  # the row of column names has no name
-                row = "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells)
-                text += f"<tr><th>{escape(name)}</th>{row}</tr>"
+                row = "".join(
+                    f"<{tag} {LEFT_ALIGNED}>{escape(c)}</{tag}>" for c in cells
+                )
+                text += f"<tr><th {LEFT_ALIGNED}>{escape(name)}</th>{row}</tr>"
             text += "</table>"
         parts = "".join(f"<li>{part.html}</li>" for part in self.parts)
         return f"{text}<ul>{parts}</ul>" if parts else text

@@ -73,6 +73,15 @@ def test_result_plots_itself(result):
     plt.close(figure)
 
 
+def test_label_has_each_unit_once():
+    block = Integrator([0.0, 1.0, 2.0], unit=("m", "m", "rad"))
+    diagram = Diagram("mixed")
+    diagram.ground(diagram.add(x=block).u)
+    figure = plot(simulate(diagram, 0.1, step=0.1))
+    assert figure.axes[0].get_ylabel() == "[m, rad]"
+    plt.close(figure)
+
+
 def cells(thing):
     """Return the rows of the tables of an object's HTML, which is well-formed."""
     root = ET.fromstring(f"<div>{thing._repr_html_()}</div>")
