@@ -8,7 +8,7 @@ from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
 
-class PyplotFigure(Figure):
+class _Figure(Figure):
     """Figure of pyplot that a notebook shows once, also as the last value of a cell."""
 
     def _ipython_display_(self) -> NoReturn:
@@ -39,7 +39,7 @@ def subplots(rows: int, **settings: Any) -> tuple[Figure, Any]:
         sharex=True,
         squeeze=False,
         layout="constrained",
-        FigureClass=PyplotFigure,
+        FigureClass=_Figure,
         **settings,
     )
     return figure, axes[:, 0]

@@ -136,8 +136,9 @@ class RunBar(ProgressBar):
 
     def close(self) -> None:
         """Close the bar; notebooks mark a bar as failed if it is less than full, also by round-off."""
-        if not self.disable and math.isclose(self.n, self.total, rel_tol=1e-9):
-            self.n = self.total
+        total = self.total or 0.0
+        if not self.disable and math.isclose(self.n, total, rel_tol=1e-9):
+            self.n = total
         super().close()
 
     @property
