@@ -134,6 +134,16 @@ def relink(app, name, source) -> None:
     source[0] = source[0].replace(f"{ROOT}/", "")
 
 
+PAGE_LINK = re.compile(r":doc:`([^`<]*?)(?:\\n|\s)*<[^`]*>`")
+
+
+def unlink_notebooks(app) -> None:
+    """Replace links to pages in notebooks by their texts."""
+    for file in (HERE / "gallery").rglob("*.ipynb"):
+        text = PAGE_LINK.sub(r"\1", file.read_text(encoding="utf-8"))
+        file.write_text(text, encoding="utf-8")
+
+
 # -- the reference ------------------------------------------------------------------------------
 
 SUBJECTS = {
@@ -416,6 +426,7 @@ def setup(app) -> None:
         block_renderers=(formula, None),
     )
     app.connect("builder-inited", write_sources, priority=1)
+    app.connect("builder-inited", unlink_notebooks, priority=900)  # after the gallery
     app.connect("source-read", relink)
     app.connect("autodoc-skip-member", skip_fields)
     app.connect("autodoc-process-docstring", add_declarations, priority=900)

@@ -134,7 +134,7 @@ plot(result, "control.error", "limit.y")
 # ---------------
 #
 # A short model finds the critical cases; the complete model confirms them. The same function varies the bandwidth
-# of the observer in the loop of tutorial 1. A list of values is a grid:
+# of the observer in the loop of tutorial 1. A list of values is a grid. Four runs need no worker processes:
 
 bandwidths = sweep(
     transport_diagram(Mission.of_case(1), SpaceTruss.published()),
@@ -146,6 +146,7 @@ bandwidths = sweep(
         "error": lambda run: float(abs(run["errors.error"][:, :3]).max()),
     },
     log=["truss.base_force", "errors.error"],
+    executor="serial",
 )
 bandwidths[["force", "error"]].to_dataframe()
 

@@ -22,7 +22,10 @@ PEERS = sorted(
     key=lambda path: path.name,
 )
 DATA = (".toml", ".urdf", ".bdf", ".op4")
-ELSEWHERE = {"antenna_mission", "identify_damping", "ring_mission"}
+ELSEWHERE = {
+    *("03_sampled_control", "04_fmu", "05_thousands_of_runs"),
+    *("antenna_mission", "identify_damping", "ring_mission"),
+}
 """Examples of over 15 s. `make docs` runs them, as all examples."""
 MAX_LINES = 60
 MAX_TUTORIAL_LINES = 90
