@@ -109,6 +109,13 @@ def test_links_to_examples_lead_to_pages_of_the_site():
         assert linked(f"[it]({target})", DOCS) == f"[it]({page})"
 
 
+def test_notebooks_have_the_texts_of_links_to_pages():
+    pytest.importorskip("latex2mathml")
+    link = runpy.run_path(str(DOCS / "conf.py"))["PAGE_LINK"]
+    for source in (":doc:`a page </page>`", r":doc:`a page\n</page>`"):  # JSON
+        assert link.sub(r"\1", f"see {source}, twice") == "see a page, twice"
+
+
 def test_every_page_is_in_the_contents():
     contents = (DOCS / "index.md").read_text(encoding="utf-8")
     pages = [
