@@ -45,6 +45,7 @@ from trussflow.blocks.framework.port import REQUIRED as REQUIRED
 from trussflow.blocks.framework.port import Input as Input
 from trussflow.blocks.framework.port import Output as Output
 from trussflow.blocks.framework.port import Port as Port
+from trussflow.blocks.framework.symbol import Symbol as Symbol
 from trussflow.blocks.library.algebra import Function as Function
 from trussflow.blocks.library.algebra import Gain as Gain
 from trussflow.blocks.library.algebra import MatrixGain as MatrixGain

@@ -11,6 +11,7 @@ from trussflow.blocks.errors import ParameterError
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
 from trussflow.blocks.framework.port import INFERRED, Input, Output
+from trussflow.blocks.framework.symbol import Symbol
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.piecewise import NO_LIMIT, limited
 from trussflow.blocks.library.signals import Shaped, ShapeLike
@@ -54,6 +55,7 @@ class PIDLaw(Shaped):
     reference_weight = Parameter(shape=None, meaning="b")
     reference_rate_weight = Parameter(shape=None, meaning="c")
     first_output = Parameter(shape=None, meaning="first output, if start is given")
+    symbol = Symbol("{kp} + {ki}/s + {kd} s", caption="{lower} to {upper}")
 
     def __init__(
         self,

@@ -12,6 +12,7 @@ from trussflow.blocks.errors import BlockError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Parameter, Signals
 from trussflow.blocks.framework.port import INFERRED, Input, Output, Port, Shape
+from trussflow.blocks.framework.symbol import Symbol, value_text
 from trussflow.blocks.support.call_site import call_site
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.support.validation import (
@@ -53,6 +54,23 @@ RESULT_UNITS = {
 }
 """Unit of the result of other operations, if each operand has a unit."""
 
+FORMULAS = {
+    "add": "{} + {}",
+    "subtract": "{} − {}",
+    "negative": "−{}",
+    "divide": "{} / {}",
+    "power": "{}^({})",
+    "square": "{}^(2)",
+    "sqrt": "√{}",
+    "absolute": "|{}|",
+    "matmul": "{} {}",
+    "greater": "{} > {}",
+    "greater_equal": "{} ≥ {}",
+    "less": "{} < {}",
+    "less_equal": "{} ≤ {}",
+}
+"""Texts of operations by the name of their function; others are written as a call."""
+
 
 class Sum(Block):
     r"""Add and subtract signals of one shape, unit and frame.
@@ -86,6 +104,13 @@ class Sum(Block):
             for i, sign in enumerate(signs, 1)
         }
         super().__init__()
+
+    @property
+    def symbol(self) -> Symbol:
+        """Summing junction, or a triangle for one input."""
+        if len(self.signs) == 1:
+            return Symbol("−1" if self.signs == "-" else "1", outline="triangle")
+        return Symbol(outline="circle", pins=self.signs.replace("-", "−"))
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the signed sum."""
@@ -198,6 +223,27 @@ class Operation(Block):
         # With an array as constant, the open shape of the signal must be its shape.
         if shape is INFERRED and numbers and numbers[0].ndim:
             self.inferred_shape.fix(numbers[0].shape, call_site(), own=True)
+
+    @property
+    def formula(self) -> str:
+        """The operation as text, such as ``"u1 / u2"`` or ``"u + 2"``."""
+        ports, constant = self.inputs(), self.parameters.get("constant")
+        names = ["u1", "u2"][: self.function.nin]
+        if len(ports) == 1:
+            own = ports[0].name
+            names = ["u" if n == own else value_text(constant) for n in names]
+        name = self.function.__name__
+        return FORMULAS.get(name, f"{name}({', '.join(names)})").format(*names)
+
+    @property
+    def symbol(self) -> Symbol:
+        """Product as a circle, constant factor as a triangle, otherwise the formula."""
+        factor = self.function in (np.multiply, np.matmul)
+        if factor and len(self.inputs()) == 1:
+            return Symbol("{constant:K}", outline="triangle")
+        if self.function is np.multiply:
+            return Symbol("×", outline="circle")
+        return Symbol("{formula}")
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the function of the operands."""

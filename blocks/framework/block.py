@@ -51,6 +51,7 @@ from trussflow.blocks.framework.port import (
     Shape,
 )
 from trussflow.blocks.framework.signal_operators import Wired
+from trussflow.blocks.framework.symbol import Symbol
 from trussflow.blocks.framework.units import check_declared
 from trussflow.blocks.support.summary import Described, Description
 from trussflow.blocks.support.types import Vector
@@ -518,6 +519,11 @@ class Block(Wired, Equations, Described):
     def continuous(self) -> bool:
         """Whether the block has continuous states."""
         return self.states_own("derivative")
+
+    @property
+    def symbol(self) -> Symbol | None:
+        """Symbol in pictures of diagrams, as in a textbook; by default none: the name of the class is drawn."""
+        return None
 
     @property
     def hides(self) -> bool:

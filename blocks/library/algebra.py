@@ -12,7 +12,8 @@ from trussflow.blocks.framework.arithmetic import Sum as Sum
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
 from trussflow.blocks.framework.port import INFERRED, Input, Output
-from trussflow.blocks.framework.units import Unit
+from trussflow.blocks.framework.symbol import Symbol
+from trussflow.blocks.framework.units import Unit, quotient
 from trussflow.blocks.library.signals import Shaped, ShapeLike, WrappedFunction
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.support.validation import finite_array
@@ -49,6 +50,7 @@ class Gain(Shaped):
         INFERRED, unit=Attribute("output_unit"), frame=INFERRED, meaning="the product"
     )
     gain = Parameter(shape=None, meaning="k: factor")
+    symbol = Symbol("{gain} {gain_unit}", outline="triangle")
 
     def __init__(
         self,
@@ -69,6 +71,12 @@ class Gain(Shaped):
         self.input_unit = INFERRED if unchecked else input_unit
         self.output_unit = INFERRED if unchecked else output_unit
         super().__init__(shape, gain=factors)
+
+    @property
+    def gain_unit(self) -> str:
+        """Unit of the gain; it is empty if that of the input or of the output is unknown."""
+        units = self.input_unit, self.output_unit
+        return quotient(*units) if all(isinstance(u, str) for u in units) else ""
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the product."""
@@ -94,6 +102,7 @@ class MatrixGain(Block):
     u = Input("columns", unit=Attribute("input_unit"), meaning="vector to multiply")
     y = Output("rows", unit=Attribute("output_unit"), meaning="the product")
     gain = Parameter(shape=None, meaning="K: matrix")
+    symbol = Symbol("{gain:K}", outline="triangle")
 
     def __init__(
         self, gain: npt.ArrayLike, *, input_unit: Unit = None, output_unit: Unit = None
@@ -173,3 +182,4 @@ class Terminator(Block):
     """Sink of an unused signal."""
 
     u = Input(INFERRED, unit=INFERRED, frame=INFERRED, meaning="not used")
+    symbol = Symbol(curve="M0 12h18M18 3v18M23 7v10M28 10v4")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
 from trussflow.blocks.framework.port import INFERRED, Input, Output
+from trussflow.blocks.framework.symbol import Symbol
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.linear import Linear, realization
 from trussflow.blocks.library.signals import Shaped, ShapeLike, per_time
@@ -35,6 +37,7 @@ class Integrator(Shaped):
     y = Output(INFERRED, unit=Attribute("unit"), meaning="integral of the input")
     integral = State(INFERRED, initial="initial_value", meaning="integral of the input")
     initial_value = Parameter(0.0, shape=None, meaning="integral at time 0")
+    symbol = Symbol("1\n-\ns", caption="from {initial_value}")
 
     def __init__(
         self,
@@ -86,6 +89,8 @@ class StateSpace(Linear):
         If the initial value has another size.
     """
 
+    symbol = Symbol("ẋ = {A:A} x + {B:B} u\ny = {C:C} x + {D:D} u")
+
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return A x + B u."""
         return {"x": self._next(x, u)}
@@ -118,6 +123,8 @@ class TransferFunction(StateSpace):
     array([[-2.]])
     """
 
+    symbol = Symbol("{numerator:s}\n-\n{denominator:s}")
+
     def __init__(
         self,
         numerator: npt.ArrayLike,
@@ -127,4 +134,5 @@ class TransferFunction(StateSpace):
         output_unit: Unit = None,
     ) -> None:
         matrices = realization("TransferFunction", numerator, denominator)
+        self.numerator, self.denominator = map(np.atleast_1d, (numerator, denominator))
         super().__init__(*matrices, input_unit=input_unit, output_unit=output_unit)

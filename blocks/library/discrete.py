@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.errors import BlockError
@@ -10,6 +11,7 @@ from trussflow.blocks.framework.clock import common_tick, exact
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import INFERRED, Input, Output
+from trussflow.blocks.framework.symbol import Symbol
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.linear import Linear, realization
 from trussflow.blocks.library.signals import Shaped, ShapeLike, finite
@@ -53,6 +55,7 @@ class UnitDelay(Shaped):
         INFERRED, initial="initial_value", meaning="input of the sample before"
     )
     initial_value = Parameter(shape=None, meaning="y_0: output of the first sample")
+    symbol = Symbol("z^(−1)", caption="from {initial_value}")
 
     def __init__(
         self,
@@ -98,6 +101,7 @@ class ZeroOrderHold(Shaped):
     y = Output(
         INFERRED, unit=INFERRED, frame=INFERRED, meaning="last sample of the input"
     )
+    symbol = Symbol(curve="M0 21h9v-7h9v-6h9v-5h9")
 
     def __init__(
         self, sample_time: float, *, offset: float = 0.0, shape: ShapeLike = None
@@ -187,6 +191,8 @@ class DiscreteStateSpace(Linear):
         If the initial value has another size.
     """
 
+    symbol = Symbol("x^(+) = {A:A} x + {B:B} u\ny = {C:C} x + {D:D} u")
+
     def __init__(
         self,
         A: npt.ArrayLike,
@@ -242,6 +248,8 @@ class DiscreteTransferFunction(DiscreteStateSpace):
         is not above 0.
     """
 
+    symbol = Symbol("{numerator:z}\n-\n{denominator:z}")
+
     def __init__(
         self,
         numerator: npt.ArrayLike,
@@ -253,6 +261,7 @@ class DiscreteTransferFunction(DiscreteStateSpace):
         offset: float = 0.0,
     ) -> None:
         matrices = realization("DiscreteTransferFunction", numerator, denominator)
+        self.numerator, self.denominator = map(np.atleast_1d, (numerator, denominator))
         super().__init__(
             *matrices,
             sample_time=sample_time,

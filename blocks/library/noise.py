@@ -11,6 +11,7 @@ from trussflow.blocks.errors import ParameterError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
 from trussflow.blocks.framework.port import Output
+from trussflow.blocks.framework.symbol import Symbol
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.signals import finite
 from trussflow.blocks.support.types import Array, Vector
@@ -90,6 +91,10 @@ class Noise(Block):
     )
     mean = Parameter(shape="shape", meaning="mean value")
     seed = Parameter(minimum=0.0, meaning="seed of the random numbers")
+    symbol = Symbol(
+        curve="M2 13l3-6 3 11 3-14 3 15 3-9 3 5 3-12 3 15 3-9 3 6",
+        caption="σ = {standard_deviation} {unit}",
+    )
 
     def __init__(
         self,

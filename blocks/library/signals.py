@@ -13,6 +13,7 @@ from trussflow.blocks.errors import BlockError, ParameterError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
 from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.symbol import Symbol
 from trussflow.blocks.framework.units import Unit, check_declared
 from trussflow.blocks.support.call_site import call_site
 from trussflow.blocks.support.types import Array, Vector
@@ -20,6 +21,9 @@ from trussflow.blocks.support.validation import as_shape, by_name, shown
 
 ShapeLike = int | tuple[int, ...] | None
 """A size, a shape, or None for a shape inferred from the wires."""
+
+MAX_CALL_LENGTH = 24
+"""Largest number of letters of a call in a symbol."""
 
 
 class Shaped(Block):
@@ -137,6 +141,8 @@ class WrappedFunction(Block):
         has another number of arguments.
     """
 
+    symbol = Symbol("{formula}")
+
     def __init__(
         self,
         function: Callable[..., Any],
@@ -176,6 +182,13 @@ class WrappedFunction(Block):
             ) from None
         except ValueError:  # a function of NumPy without a signature
             pass
+
+    @property
+    def formula(self) -> str:
+        """Call of the function with its inputs as text."""
+        name = getattr(self._function, "__name__", "f").replace("<lambda>", "f")
+        call = f"{name}({', '.join(port.name for port in self.inputs())})"
+        return call if len(call) <= MAX_CALL_LENGTH else f"{name}(…)"
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the results of the function by output."""

@@ -12,6 +12,7 @@ from trussflow.blocks.errors import BlockError, Explained
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
 from trussflow.blocks.framework.port import INFERRED, Output
+from trussflow.blocks.framework.symbol import Symbol
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.signals import Shaped, ShapeLike, finite
 from trussflow.blocks.support.types import Array
@@ -64,6 +65,7 @@ class Constant(Source):
     """
 
     value = Parameter(shape="shape", meaning="the value")
+    symbol = Symbol("{value} {unit}")
 
     def __init__(
         self, value: npt.ArrayLike, *, unit: Unit = None, frame: str | None = None
@@ -85,6 +87,7 @@ class Ground(Shaped):
     """
 
     y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="zero")
+    symbol = Symbol("0")
 
     def __init__(self, shape: ShapeLike = None) -> None:
         super().__init__(shape)
@@ -118,6 +121,10 @@ class Step(Source):
 
     initial_value = Parameter(shape="shape", meaning="y_0: value before the step")
     final_value = Parameter(shape="shape", meaning="y_1: value from the step on")
+    symbol = Symbol(
+        curve="M2 20h16V5h16",
+        caption="{initial_value} to {final_value} {unit} at {time} s",
+    )
 
     def __init__(
         self,
@@ -161,6 +168,9 @@ class Ramp(Source):
 
     slope = Parameter(shape="shape", meaning="a: rate of growth")
     initial_value = Parameter(shape="shape", meaning="y_0: value before the start")
+    symbol = Symbol(
+        curve="M2 20h12L34 3", caption="{slope} (t − {start_time} s) {unit}"
+    )
 
     def __init__(
         self,
@@ -203,6 +213,10 @@ class Sine(Source):
     frequency = Parameter(shape="shape", unit="Hz", meaning="f: frequency")
     phase = Parameter(shape="shape", unit="rad", meaning="φ: phase at time 0")
     bias = Parameter(shape="shape", meaning="b: mean value")
+    symbol = Symbol(
+        curve="M2 12C8-4 12-4 18 12S28 28 34 12",
+        caption="{amplitude} {unit}, {frequency} Hz",
+    )
 
     def __init__(
         self,
@@ -248,6 +262,8 @@ class TimeFunction(Source):
     >>> TimeFunction(lambda t: np.stack([np.cos(t), np.exp(-t)])).y
     <output 'TimeFunction.y' (shape (2,))>
     """
+
+    symbol = Symbol("f(t)")
 
     def __init__(
         self,

@@ -21,6 +21,7 @@ from trussflow.blocks.framework.declarations import (
     Signals,
 )
 from trussflow.blocks.framework.port import INFERRED, Input, Output
+from trussflow.blocks.framework.symbol import Symbol
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.continuous import Integrator
 from trussflow.blocks.library.piecewise import NO_LIMIT, limited
@@ -65,6 +66,9 @@ class Relay(Shaped):
     lower = Parameter(shape=None, meaning="l: level at which it switches off")
     on = Parameter(shape=None, meaning="y_1: output while on")
     off = Parameter(shape=None, meaning="y_0: output while off")
+    symbol = Symbol(
+        curve="M2 20h20V4M14 20V4h20", caption="{off} or {on}; at {lower}, {upper}"
+    )
 
     def __init__(
         self,
@@ -136,6 +140,9 @@ class Switch(Shaped):
     y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="the selected signal")
     reached = Mode(0.0, "number", meaning="whether each threshold is reached")
     rises, falls = Event("rising", "number"), Event("falling", "number")
+    symbol = Symbol(
+        curve="M0 4h10L26 11M0 20h10M27 12h9", caption="control at {thresholds}"
+    )
 
     def __init__(
         self, thresholds: float | Sequence[float] = 0.5, *, shape: ShapeLike = None
@@ -212,6 +219,9 @@ class Pulse(Source):
     edge = Event("time")
     high = Parameter(shape="shape", meaning="y_1")
     low = Parameter(shape="shape", meaning="y_0")
+    symbol = Symbol(
+        curve="M2 20h6V4h8v16h8V4h8v16", caption="{low}, {high} {unit} in {period} s"
+    )
 
     def __init__(
         self,
@@ -290,6 +300,7 @@ class LimitedIntegrator(Integrator):
     leaves_high, leaves_low = Event("falling", INFERRED), Event("rising", INFERRED)
     lower = Parameter(shape=None, meaning="l: lower limit")
     upper = Parameter(shape=None, meaning="h: upper limit")
+    symbol = Symbol("1\n-\ns", caption="from {initial_value}, {lower} to {upper}")
 
     def __init__(
         self,
@@ -379,6 +390,7 @@ class StopWhen(Block):
 
     u = Input(meaning="signal that ends the run")
     ends = Event("rising")
+    symbol = Symbol("STOP")
 
     def __init__(self, message: object = "") -> None:
         self.message = f" {message}" if isinstance(message, str) and message else ""

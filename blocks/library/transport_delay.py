@@ -21,6 +21,7 @@ from trussflow.blocks.framework.declarations import (
 )
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.run_state import Running
+from trussflow.blocks.framework.symbol import Symbol
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.linear import realization
 from trussflow.blocks.library.piecewise import NO_LIMIT
@@ -77,6 +78,7 @@ class TransportDelay(Block):
     z = State(("pade", "size"), meaning="states of the approximant")
     again = Event("time")
     initial_value = Parameter(shape="shape", meaning="y_0")
+    symbol = Symbol("e^(−{delay} s)")
 
     def __init__(
         self,

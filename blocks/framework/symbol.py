@@ -1,0 +1,142 @@
+"""Textbook symbols of blocks in pictures of diagrams."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trussflow.blocks.framework.units import readable
+
+if TYPE_CHECKING:
+    from trussflow.blocks.framework.block import Block
+
+MAX_VALUE_LENGTH, MAX_POLYNOMIAL_LENGTH = 22, 40
+"""Largest number of letters of an array and of a polynomial."""
+
+NO_LIMIT = 1e100
+"""Magnitude from which numbers are drawn as infinite [any]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Symbol:
+    """Symbol of a block in pictures, as in a textbook: the class attribute or property ``symbol``.
+
+    In `text`, `pins` and `caption`, ``{name}`` is the value of a parameter or attribute of the block,
+    ``{name:s}`` a polynomial in s with these coefficients (s or z), ``{A:A}`` the matrix A, or the letter if
+    it is large. ``^(...)`` is a superscript.
+
+    Parameters
+    ----------
+    text : str
+        Lines of the symbol; a line ``-`` is the bar of a fraction.
+    curve : str
+        Path in SVG notation from (0, 0) to (36, 24), drawn over axes through its middle.
+    outline : str
+        ``"box"``, ``"triangle"`` or ``"circle"``.
+    pins : str
+        One sign for each input, drawn instead of its name.
+    caption : str
+        Text below the name of the block. It is omitted if all its values are zero.
+
+    Examples
+    --------
+    >>> from trussflow.blocks import Block, Parameter, Symbol
+    >>> class Spring(Block):
+    ...     stiffness = Parameter(4.0, unit="N/m")
+    ...     symbol = Symbol("k = {stiffness} N/m")
+    >>> Spring().symbol.of(Spring()).text
+    'k = 4 N/m'
+    """
+
+    text: str = ""
+    curve: str = ""
+    outline: str = "box"
+    pins: str = ""
+    caption: str = ""
+
+    def of(self, block: Block) -> Symbol:
+        """Return the symbol with the values of a `block`."""
+        values, below = _Values(block), _Values(block)
+        caption = self.caption.format_map(below)
+        zero = below and not any(np.any(each.value) for each in below.values())
+        return replace(
+            self,
+            text=self.text.format_map(values),
+            pins=self.pins.format_map(values),
+            caption="" if zero else caption,
+        )
+
+
+class _Values(dict[str, "_Value"]):
+    """Values of the parameters and attributes of a block that a text has used, by name."""
+
+    def __init__(self, block: Block) -> None:
+        super().__init__()
+        self._block = block
+
+    def __missing__(self, name: str) -> _Value:
+        block = self._block
+        self[name] = _Value(block.parameters.get(name, getattr(block, name, "?")))
+        return self[name]
+
+
+@dataclass(frozen=True, slots=True)
+class _Value:
+    """A value that formats itself; see `Symbol`."""
+
+    value: Any
+
+    def __format__(self, form: str) -> str:
+        if form in {"s", "z"}:
+            return polynomial(self.value, form)
+        return value_text(self.value, form)
+
+
+def value_text(value: Any, large: str = "") -> str:
+    """Return a number, array or unit as a short text.
+
+    Parameters
+    ----------
+    value : object
+        The value; others than numbers, arrays and texts give an empty text.
+    large : str
+        Text for an array with too many elements; by default its shape.
+    """
+    if isinstance(value, str):
+        return readable(value)
+    if not isinstance(value, float | int | np.ndarray):
+        return ""
+    array = np.asarray(value, dtype=float)
+    if array.ndim == 0:
+        return number(float(array))
+    rows = (" ".join(map(number, row)) for row in np.atleast_2d(array).tolist())
+    text = f"[{'; '.join(rows)}]" if array.ndim < 3 else ""
+    if 0 < len(text) <= MAX_VALUE_LENGTH:
+        return text
+    return large or f"{'×'.join(map(str, array.shape))} values"
+
+
+def number(value: float) -> str:
+    """Return a number with four digits as text."""
+    if abs(value) >= NO_LIMIT:
+        return "−∞" if value < 0 else "∞"
+    digits, _, power = f"{value:.4g}".partition("e")
+    text = f"{digits}·10^({int(power)})" if power else digits
+    return text.replace("-", "−")
+
+
+def polynomial(coefficients: Sequence[float], variable: str) -> str:
+    """Return a polynomial as text, from `coefficients` of falling powers of a `variable`."""
+    text, order = "", len(coefficients) - 1
+    for power, value in zip(range(order, -1, -1), coefficients, strict=True):
+        factor = {0: "", 1: variable}.get(power, f"{variable}^({power})")
+        size = "" if abs(value) == 1 and factor else number(abs(value))
+        term = " ".join(filter(None, ("−" if value < 0 else "+", size, factor)))
+        text += f"{term} " if value else ""
+    text = text.removeprefix("+ ").strip() or "0"
+    return (
+        text if len(text) <= MAX_POLYNOMIAL_LENGTH else f"order {order} in {variable}"
+    )
