@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 Point = tuple[float, float]
 
 Span = tuple[list[float], list[float], float, float]
 """Heights of the left and right pins of a rail, and of its upper and lower end."""
+
+JUNCTION_SIZE = 26.0
+"""Diameter of a junction [px]."""
+
+JUNCTION_LEAD = 14.0
+"""Height above and below a junction, in which wires turn to its top and bottom [px]."""
+
+JUNCTION_PITCH = 14.0
+"""Distance of the pins of a junction that all are on its left [px]."""
 
 
 @dataclass(eq=False, slots=True)
@@ -18,18 +28,38 @@ class Pin:
     ----------
     box : Box
         The box.
+    side : int
+        0 for an input, 1 for an output [-].
     dy : float
         Distance below the upper edge of the box [px].
     note : float
         Width of the text next to the pin [px].
+    inset : float
+        Distance of the drawn outline from the side of the box [px].
+    entry : int
+        -1 for a wire that enters a junction at its top, 1 at its bottom, 0 at its side [-].
+    negative : bool
+        Whether the signal is subtracted.
+    last : bool
+        Whether the pin is the lowest of its side, for feedback to a junction.
     rank : float
         Vertical position during the ordering [-].
     """
 
     box: Box
+    side: int
     dy: float
     note: float = 0.0
+    inset: float = 0.0
+    entry: int = 0
+    negative: bool = False
+    last: bool = False
     rank: float = 0.0
+
+    @property
+    def x(self) -> float:
+        """Horizontal position in the picture [px]."""
+        return self.box.x + (self.box.width - self.inset if self.side else self.inset)
 
     @property
     def y(self) -> float:
@@ -47,6 +77,10 @@ class Box:
         Size [px].
     edge : int
         -1 for a box at the left edge of the picture, 1 at the right edge, 0 anywhere [-].
+    junction : bool
+        Whether it is a circle at the left of the box, such as a summing junction.
+    back : bool
+        Whether it is a dummy node of feedback.
     sides : tuple of list of Pin
         Input pins and output pins.
     layer : int
@@ -55,21 +89,38 @@ class Box:
         Left upper corner [px].
     rank : float
         Vertical position during the ordering [-].
+    floor : float
+        Upper edge of the next box below in the layer [px].
     """
 
     width: float
     height: float
     edge: int = 0
+    junction: bool = False
+    back: bool = False
     sides: tuple[list[Pin], list[Pin]] = field(default_factory=lambda: ([], []))
     layer: int = 0
     x: float = 0.0
     y: float = 0.0
     rank: float = 0.0
+    floor: float = math.inf
 
-    def pin(self, side: int, dy: float, note: float = 0.0) -> Pin:
-        """Add a pin on the left `side` (0) or the right (1), `dy` below the upper edge; `note` [px]."""
-        self.sides[side].append(Pin(self, dy, note))
+    def pin(self, side: int, dy: float, note: float = 0.0, inset: float = 0.0) -> Pin:
+        """Add a pin on the left `side` (0) or the right (1), `dy` below the upper edge; see `Pin`."""
+        self.sides[side].append(Pin(self, side, dy, note, inset))
         return self.sides[side][-1]
+
+    def join(self, main: Pin) -> None:
+        """Let the wires of a junction enter: `main` at the left, one before it at the top, one after it below."""
+        pins = self.sides[0]
+        place, middle = pins.index(main), self.height / 2
+        around = place < 2 and len(pins) - place < 3
+        for i, pin in enumerate(pins):
+            pin.entry = i - place if around else 0
+            if around:
+                pin.dy = middle + pin.entry * (middle - 2.0)
+            else:
+                pin.dy = middle + (i - (len(pins) - 1) / 2) * JUNCTION_PITCH
 
 
 @dataclass(eq=False, slots=True)

@@ -9,20 +9,19 @@ from trussflow.blocks.drawing.graph import Box, Channels, Net, Rail, way
 from trussflow.blocks.drawing.placing import positions
 
 Edges = Counter[tuple[Box, Box]]
-"""Number of nets from one box to another."""
+"""Weights of the nets from one box to another: 2 for each, 1 for one to negative inputs of sums only."""
 
 
 def edges_of(nets: list[Net]) -> Edges:
     """Return the edges of `nets`, without loops of a single box."""
     edges = Edges()
     for net in nets:
-        own = net.source.box
-        edges.update(
-            (own, box)
-            # Once per net and box, as several pins of a box share most of the wire.
-            for box in dict.fromkeys(pin.box for pin in net.targets)
-            if box is not own
-        )
+        # Once per net and box, as several pins of a box share most of the wire.
+        weights = dict[Box, int]()
+        for pin in net.targets:
+            weights[pin.box] = max(weights.get(pin.box, 0), 1 if pin.negative else 2)
+        weights.pop(net.source.box, None)
+        edges.update({(net.source.box, box): w for box, w in weights.items()})
     return edges
 
 
@@ -48,13 +47,26 @@ def by_flow(boxes: list[Box], edges: Edges) -> list[Box]:
             right = chosen + right
         else:
             first = [box for box in rest if not takes[box]]
-            # Inside of cycles, the box with the greatest excess of leaving edges makes
-            # few edges to boxes on its left.
-            chosen = first or [max(rest, key=lambda box: gives[box] - takes[box])]
+            # Inside of cycles, a box that continues a path from the left makes feedback
+            # run back to the start of the path; with the greatest excess of leaving
+            # edges, it makes few feedback edges.
+            fed = {b for a, b in edges if a not in rest}
+            chosen = first or [
+                max(rest, key=lambda box: (box in fed, gives[box] - takes[box]))
+            ]
             left += chosen
         for box in chosen:
             del rest[box]
     return left + right
+
+
+def depths(order: list[Box], edges: Edges) -> Counter[Box]:
+    """Return the number of boxes on the longest path to each box, by `edges` along the `order`."""
+    rank, depth = {box: i for i, box in enumerate(order)}, Counter[Box]()
+    for a, b in sorted(edges, key=lambda edge: rank[edge[0]]):
+        if rank[a] < rank[b]:
+            depth[b] = max(depth[b], depth[a] + 1)
+    return depth
 
 
 def into_layers(order: list[Box], edges: Edges) -> list[list[Box]]:
@@ -64,7 +76,17 @@ def into_layers(order: list[Box], edges: Edges) -> list[list[Box]]:
     rank = {box: i for i, box in enumerate(order)}
     # Feedback edges have no limit, so that they may run to the left. They still have a
     # weight below, so that they are short.
-    limits = [(rank[a], rank[b], 1) for a, b in edges if rank[a] < rank[b]]
+    first, last = dict[Box, int](), dict[Box, int]()
+    for a, b in edges:
+        first[b] = min(first.get(b, len(order)), rank[a])
+        last[a] = max(last.get(a, 0), rank[b])
+    limits = [
+        (rank[a], rank[b], 1)
+        for a, b in edges
+        # A box with feedback only, such as an observer, follows its first source.
+        if rank[a] < rank[b]
+        and (rank[a] == first[b] or rank[b] < last.get(b, len(order)))
+    ]
     # Exposed inputs are in layers before all blocks, exposed outputs after them.
     limits += [
         (rank[a], rank[b], 1) for a, b in product(order, order) if a.edge < b.edge
@@ -92,6 +114,7 @@ def rails(nets: list[Net], layers: list[list[Box]], gap: float) -> Channels:
         reached = [pin.box.layer for pin in net.targets]
         for layer in [*range(own + 1, max(reached)), *range(min(reached), own + 1)]:
             ways[layer] = way(gap, layer)
+            ways[layer].back = layer <= own
             layers[layer].append(ways[layer])
         # Channel k is on the left of layer k; the net starts in the channel on the
         # right of its source.

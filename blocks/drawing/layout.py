@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from random import Random
 
 from trussflow.blocks.drawing.graph import Box, Channels, Net, Pin
-from trussflow.blocks.drawing.layering import by_flow, edges_of, into_layers, rails
+from trussflow.blocks.drawing.layering import (
+    by_flow,
+    depths,
+    edges_of,
+    into_layers,
+    rails,
+)
 from trussflow.blocks.drawing.ordering import Ordering
 from trussflow.blocks.drawing.placing import place
 from trussflow.blocks.drawing.routing import route, tracks
@@ -63,7 +70,7 @@ def layout(boxes: list[Box], nets: list[Net]) -> tuple[float, float]:
                     pin.note
                     for box in layers[k]
                     # A pin without note: `max` needs an element.
-                    for pin in (*box.sides[0], Pin(box, 0.0))
+                    for pin in (*box.sides[0], Pin(box, 0, 0.0))
                 )
                 column = max(box.width for box in layers[k])
                 for box in layers[k]:
@@ -94,10 +101,23 @@ def ordered(
         # Heuristics of both orders break ties by position, so that a shuffle gives
         # another local optimum.
         chance.shuffle(mixed)
-    layers = into_layers(by_flow(mixed, edges), edges)
+    order = by_flow(mixed, edges)
+    depth, layers = depths(order, edges), into_layers(order, edges)
+    junctions = [box for box in boxes if box.junction]
+    source = {pin: net.source.box for net in nets for pin in net.targets}
+    for pin in (pin for box in junctions for pin in box.sides[0]):
+        pin.last = source.get(pin, pin.box).layer >= pin.box.layer
     channels = rails(nets, layers, WIRE_GAP)
     for layer in layers if variant else ():
         chance.shuffle(layer)
     Ordering(layers, channels).sort()
+    for box in junctions:
+        # The longest path runs straight through the junction.
+        pins = box.sides[0]
+        box.join(max(pins, key=lambda p: -1 if p.last else depth[source.get(p, box)]))
     place(layers, channels, BOX_GAP)
+    for layer in layers:
+        for i, box in enumerate(layer):
+            below = (other.y for other in layer[i + 1 :] if other.width)
+            box.floor = next(below, math.inf)
     return layers, channels

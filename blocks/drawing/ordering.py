@@ -82,10 +82,11 @@ class Ordering:
         """Sort by the neighbours of right sides (1), from the right, or of left sides (0), from the left."""
         for layer in reversed(self.layers) if side else self.layers:
             wanted = {box: self._wanted(box, side) for box in layer}
-            # The sort is stable: boxes with equal medians keep their order.
-            layer.sort(key=wanted.__getitem__)
+            # Feedback runs below. The sort is stable: boxes with equal medians keep
+            # their order.
+            layer.sort(key=lambda box: (box.back, wanted[box]))
             for box in layer:
-                box.sides[side].sort(key=self._drawn_to)
+                box.sides[side].sort(key=lambda pin: (pin.last, self._drawn_to(pin)))
             # Now, as the next layer is sorted by the new positions.
             rank(layer)
 

@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
-from trussflow.blocks.drawing.graph import Channels, Net, Point, Rail, rails_by_pin, way
+from trussflow.blocks.drawing.graph import (
+    JUNCTION_SIZE,
+    Channels,
+    Net,
+    Pin,
+    Point,
+    Rail,
+    rails_by_pin,
+    way,
+)
 from trussflow.blocks.drawing.ordering import cuts
 
 OVERLAP_COST = 1000
@@ -78,7 +87,7 @@ def route(nets: list[Net], channels: Channels) -> int:
         for target in net.targets:
             # Forward wires pass dummy nodes from the left, feedback from the right.
             ahead, pin = target.box.layer > net.source.box.layer, target
-            path = [(pin.box.x, pin.y)]
+            path = _entry(target)
             while pin is not net.source:
                 rail, old = rails[pin], pin
                 if net.source in rail.left:
@@ -92,9 +101,27 @@ def route(nets: list[Net], channels: Channels) -> int:
                 path += [(rail.x, old.y), (rail.x, pin.y)]
                 pin = pin if pin is net.source else pin.box.sides[not ahead][0]
             net.paths.append(
-                _simplified([*path, (pin.box.x + pin.box.width, pin.y)])[::-1]
+                _shortened(target, _simplified([*path, (pin.x, pin.y)]))[::-1]
             )
     return sum(len(path) - 2 for net in nets for path in net.paths)
+
+
+def _entry(pin: Pin) -> list[Point]:
+    """Return the end of the path to a pin, from the box: at the top or bottom of a junction with a turn."""
+    if not pin.entry:
+        return [(pin.x, pin.y)]
+    middle = pin.box.x + JUNCTION_SIZE / 2
+    end = pin.box.y + (pin.box.height + pin.entry * JUNCTION_SIZE) / 2
+    return [(middle, end), (middle, pin.y)]
+
+
+def _shortened(pin: Pin, path: list[Point]) -> list[Point]:
+    """Return a path that does not pass under a junction and back to its bottom, if there is no box between."""
+    if pin.entry > 0 and len(path) > 4:
+        (x, y), (_, level), _, (_, low), (after, _) = path[:5]
+        if after > x and level < low < pin.box.floor:
+            return [(x, y), (x, low), *path[4:]]
+    return path
 
 
 def _simplified(path: list[Point]) -> list[Point]:

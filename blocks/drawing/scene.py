@@ -2,23 +2,48 @@
 
 from __future__ import annotations
 
+import re
 import unicodedata
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from trussflow.blocks.drawing.graph import Box, Net, Pin
+from trussflow.blocks.drawing.graph import (
+    JUNCTION_LEAD,
+    JUNCTION_PITCH,
+    JUNCTION_SIZE,
+    Box,
+    Net,
+    Pin,
+)
 from trussflow.blocks.drawing.layout import PIN_PITCH, layout
+from trussflow.blocks.framework.arithmetic import Operation, Sum
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
+from trussflow.blocks.framework.symbol import Symbol, value_text
 
 LETTER_WIDTH = 6.7
 """Width of a letter of 11 px in a font of equal widths [px]."""
 
-HEAD_HEIGHT, FOOT_HEIGHT = 40.0, 8.0
-"""Height of the name and kind above the ports of a block, and of the margin below them [px]."""
+NAME_HEIGHT, CAPTION_HEIGHT, FOOT_HEIGHT = 17.0, 12.0, 8.0
+"""Heights of the name and of a caption, and of the margin below the ports of a block [px]."""
+
+LINE_HEIGHT, BAR_HEIGHT = 14.0, 4.0
+"""Heights of a line and of the bar of a fraction in a symbol [px]."""
+
+CURVE_SIZE = 36.0, 24.0
+"""Width and height of the curve of a symbol [px]."""
+
+SYMBOL_MARGIN = 5.0
+"""Margin around a symbol [px]."""
 
 MAX_NAME_LENGTH = 28
 """Largest number of letters of a name; the tooltip has the complete name."""
+
+MAX_PARAMETERS, MAX_FREE_PORTS = 4, 2
+"""Largest numbers of parameters and of unused ports that a block without symbol shows."""
+
+RAISED = re.compile(r"\^\((.*?)\)")
+"""Pattern of superscripts."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -42,13 +67,44 @@ class Row:
 
 
 @dataclass(eq=False, slots=True)
+class Figure:
+    """Block of a scene.
+
+    Attributes
+    ----------
+    block : Block
+        The block.
+    symbol : Symbol or None
+        Its symbol.
+    box : Box
+        Its box.
+    outline : tuple of float
+        Left upper corner in the box, width and height of the drawn outline [px].
+    middle : float
+        Distance of the middle of the symbol from the left side of the box [px].
+    name : str
+        Text of the name; empty if port arithmetic made the block.
+    captions : list of str
+        Lines below the name.
+    """
+
+    block: Block
+    symbol: Symbol | None
+    box: Box
+    outline: tuple[float, float, float, float]
+    middle: float
+    name: str
+    captions: list[str]
+
+
+@dataclass(eq=False, slots=True)
 class Scene:
     """Contents and layout of one diagram.
 
     Attributes
     ----------
-    blocks : list of tuple
-        Blocks with their boxes.
+    figures : list of Figure
+        The blocks.
     pins : list of tuple
         Rows with their pins.
     wires : list of tuple
@@ -59,7 +115,7 @@ class Scene:
         Size of the scene [px].
     """
 
-    blocks: list[tuple[Block, Box]] = field(default_factory=list)
+    figures: list[Figure] = field(default_factory=list)
     pins: list[tuple[Row, Pin]] = field(default_factory=list)
     wires: list[tuple[Net, Port]] = field(default_factory=list)
     edges: list[Box] = field(default_factory=list)
@@ -75,7 +131,8 @@ def brief(name: str) -> str:
 def breadth(text: str) -> float:
     """Return the width of a text of 11 px [px]; letters of some scripts have twice the width."""
     return LETTER_WIDTH * sum(
-        1 + (unicodedata.east_asian_width(letter) in "WF") for letter in text
+        1 + (unicodedata.east_asian_width(letter) in "WF")
+        for letter in RAISED.sub(r"\1", text)
     )
 
 
@@ -109,25 +166,134 @@ def rows(diagram: Diagram, block: Block) -> tuple[list[Row], list[Row]]:
     return inputs, [Row(port, "", brief(port.name)) for port in block.outputs()]
 
 
+def shown_rows(
+    diagram: Diagram, block: Block, symbol: Symbol | None, used: set[str]
+) -> list[list[Row]]:
+    """Return the rows that are drawn.
+
+    A `symbol` replaces names of ports. Without symbol, many unused ports are not drawn.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        The diagram.
+    block : Block
+        A block in it.
+    symbol : Symbol or None
+        Its symbol.
+    used : set of str
+        Paths of the connected outputs.
+    """
+    sides = rows(diagram, block)
+    if symbol is None:
+        free = [
+            row
+            for row in (*sides[0], *sides[1])
+            if not (row.key or row.note or row.port.path in used)
+        ]
+        hidden = free if len(free) > MAX_FREE_PORTS else []
+        return [[row for row in side if row not in hidden] for side in sides]
+    signs = dict(zip(block.inputs(), symbol.pins, strict=False))
+    return [
+        [
+            replace(
+                row,
+                name=signs.get(
+                    row.port,
+                    row.name if len(side) > 1 and symbol.outline != "circle" else "",
+                ),
+            )
+            for row in side
+        ]
+        for side in sides
+    ]
+
+
+def labels(block: Block, symbol: Symbol | None, hidden: int) -> tuple[str, list[str]]:
+    """Return name and captions of a `block`, of which a number of ports is `hidden`."""
+    if symbol is None:
+        captions = [brief(type(block).__name__)]
+        scalars = {n: v for n, v in block.parameters.items() if not v.ndim}
+        if len(scalars) <= MAX_PARAMETERS:
+            captions += [brief(f"{n} = {value_text(v)}") for n, v in scalars.items()]
+        return brief(block.name), captions + [f"{hidden} more ports"] * bool(hidden)
+    # Port arithmetic makes names such as multiply_1.
+    own = block.function.__name__ if isinstance(block, Operation) else "sum"
+    made = isinstance(block, Sum | Operation) and re.fullmatch(
+        rf"{own}_\d+", block.name
+    )
+    return "" if made else brief(block.name), list(filter(None, [symbol.caption]))
+
+
+def size_of(symbol: Symbol, sides: list[list[Row]]) -> tuple[float, float, float]:
+    """Return width and height of the outline of a `symbol` with these rows, and the middle of its content [px]."""
+    lines = symbol.text.split("\n")
+    width = max(20.0, *map(breadth, lines)) + 2 * SYMBOL_MARGIN
+    height = sum(BAR_HEIGHT if line == "-" else LINE_HEIGHT for line in lines)
+    if symbol.curve:
+        width, height = CURVE_SIZE[0] + 2 * SYMBOL_MARGIN, CURVE_SIZE[1]
+    if symbol.outline == "triangle":
+        # The text is in the wide half.
+        return 1.4 * width, height + 20, 0.5 * width
+    left, right = (
+        max((breadth(row.name) + 8 for row in side if row.name), default=0.0)
+        for side in sides
+    )
+    rise = max(height + 2 * SYMBOL_MARGIN, PIN_PITCH * max(map(len, sides)) + 4)
+    return left + width + right, rise, left + width / 2
+
+
+def figure_of(block: Block, symbol: Symbol | None, sides: list[list[Row]]) -> Figure:
+    """Return the figure of a `block` with these rows, without pins."""
+    hidden = len(block.ports) - len({row.port.name for side in sides for row in side})
+    name, captions = labels(block, symbol, hidden)
+    # `breadth` is for 11 px; names have 12 px, captions 9 px.
+    head = (
+        max(breadth(name) * 12, *(breadth(line) * 9 for line in [*captions, ""])) / 11
+    )
+    low = NAME_HEIGHT * bool(name) + CAPTION_HEIGHT * len(captions)
+    count = max(map(len, sides))
+    if symbol is None:
+        names = sum(max((breadth(r.name) for r in side), default=0.0) for side in sides)
+        box = Box(
+            max(head + 16, names + 24), low + 10 + count * PIN_PITCH + FOOT_HEIGHT
+        )
+        outline, middle = (0.0, 0.0, box.width, box.height), 0.0
+    elif symbol.outline == "circle":
+        tall = max(JUNCTION_SIZE, JUNCTION_PITCH * count)
+        box = Box(JUNCTION_SIZE + head, tall + 2 * JUNCTION_LEAD, junction=True)
+        outline = (0.0, JUNCTION_LEAD, JUNCTION_SIZE, tall)
+        middle = JUNCTION_SIZE / 2
+    else:
+        width, tall, middle = size_of(symbol, sides)
+        box = Box(max(width, head), tall + low)
+        x = (box.width - width) / 2
+        outline, middle = (x, 0.0, width, tall), x + middle
+    return Figure(block, symbol, box, outline, middle, name, captions)
+
+
 def scene_of(diagram: Diagram) -> Scene:
     """Return the scene of a `diagram`."""
     scene = Scene()
     pins: dict[tuple[str, str, str], Pin] = {}
+    ends = [wire.source for wire in diagram.wires if wire.source is not None]
+    used = {port.path for inner in (ends, *diagram.exposed.values()) for port in inner}
     for block in diagram.blocks.values():
-        sides = rows(diagram, block)
-        # `breadth` is for 11 px; names have 12 px, notes 9 px.
-        title = breadth(brief(block.name)) * 12 / 11
-        head = max(title, breadth(brief(type(block).__name__))) + 16
-        names = sum(
-            max((breadth(row.name) for row in side), default=0.0) for side in sides
-        )
-        ports = max(map(len, sides)) * PIN_PITCH
-        box = Box(max(head, names + 24), HEAD_HEIGHT + ports + FOOT_HEIGHT)
-        scene.blocks.append((block, box))
+        symbol = block.symbol and block.symbol.of(block)
+        sides = shown_rows(diagram, block, symbol, used)
+        figure = figure_of(block, symbol, sides)
+        scene.figures.append(figure)
+        x, y, width, height = figure.outline
         for side, found in enumerate(sides):
+            # Rows of a symbol are around its middle, others at the bottom.
+            dy = y + (height - len(found) * PIN_PITCH) / 2
+            if symbol is None:
+                dy = height - FOOT_HEIGHT - max(map(len, sides)) * PIN_PITCH
+            inset = figure.box.width - x - width if side else x
             for i, row in enumerate(found):
                 note = breadth(row.note) * 9 / 11 + 6 if row.note else 0.0
-                pin = box.pin(side, HEAD_HEIGHT + (i + 0.5) * PIN_PITCH, note)
+                pin = figure.box.pin(side, dy + (i + 0.5) * PIN_PITCH, note, inset)
+                pin.negative = row.name == "−"
                 pins[block.name, row.port.name, row.key] = pin
                 scene.pins.append((row, pin))
     # One net per source, so that wires from one output share a stem.
@@ -155,7 +321,7 @@ def scene_of(diagram: Diagram) -> Scene:
             # Several slices of one source end at one row.
             net.targets += [target] if target not in net.targets else []
     scene.wires = list(nets.values())
-    boxes = [*(box for _, box in scene.blocks), *scene.edges]
+    boxes = [*(figure.box for figure in scene.figures), *scene.edges]
     if boxes:
         scene.width, scene.height = layout(boxes, [net for net, _ in scene.wires])
     return scene

@@ -7,12 +7,25 @@ from html import escape
 from importlib.resources import files
 from itertools import pairwise
 
-from trussflow.blocks.drawing.graph import Net, Point
-from trussflow.blocks.drawing.scene import Scene, breadth, brief, scene_of
+import numpy as np
+
+from trussflow.blocks.drawing.graph import JUNCTION_LEAD, JUNCTION_SIZE, Net, Point
+from trussflow.blocks.drawing.scene import (
+    BAR_HEIGHT,
+    CAPTION_HEIGHT,
+    CURVE_SIZE,
+    LINE_HEIGHT,
+    RAISED,
+    Figure,
+    Scene,
+    breadth,
+    scene_of,
+)
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.clock import Clock
 from trussflow.blocks.framework.diagram import Diagram, leaves
 from trussflow.blocks.framework.port import Port
+from trussflow.blocks.framework.symbol import Symbol
 
 RATE_COLOURS = 6
 """Number of colours of rates in the style sheet; more rates reuse them."""
@@ -73,9 +86,7 @@ def drawn(scene: Scene, colour: Callable[[Block], str]) -> Iterator[str]:
         line = "".join(
             "M" + "L".join(f"{x:g} {y:g}" for x, y in path) for path in net.paths
         )
-        tips = "".join(
-            f"M{x:g} {y:g}l-7 -3.5v7z" for x, y in (path[-1] for path in net.paths)
-        )
+        tips = "".join(map(tip, net.paths))
         # Ends that are 0.01 px apart, as an arc between equal ends is empty.
         dots = "".join(
             f"M{x - 2.5:g} {y:g}a2.5 2.5 0 1 1 0 .01z" for x, y in forks(net)
@@ -84,28 +95,105 @@ def drawn(scene: Scene, colour: Callable[[Block], str]) -> Iterator[str]:
         # The first path is wide and transparent: the tooltip appears near a wire.
         yield f'<g>{title(source)}<path class="near" d="{line}"/><path class="{kind}" d="{line}"/>'
         yield f'<path class="tip" d="{tips}{dots}"/></g>'
-    for block, box in scene.blocks:
-        kind = f'class="box {colour(block)}"'
+    for figure in scene.figures:
+        box = figure.box
         yield f'<g transform="translate({box.x:g},{box.y:g})">'
-        yield f"<title>{escape(block._described().head)}</title>"
-        yield f'<rect {kind} width="{box.width:g}" height="{box.height:g}" rx="4"/>'
-        if isinstance(block, Diagram):
-            size = f'width="{box.width - 6:g}" height="{box.height - 6:g}"'
-            yield f'<rect {kind[:-1]} open" x="3" y="3" {size} rx="2"/>'
-        yield f'<text class="name" x="8" y="17">{escape(brief(block.name))}</text>'
-        yield f'<text class="faint" x="8" y="31">{escape(brief(type(block).__name__))}</text>'
+        yield f"<title>{escape(hover(figure.block))}</title>"
+        yield from outlined(figure, f"box {colour(figure.block)}")
+        yield from inscribed(figure)
         yield "</g>"
     for row, pin in scene.pins:
-        x, end = (
-            (pin.box.x + 6, "")
-            if row.port.is_input
-            else (pin.box.x + pin.box.width - 6, ' class="end"')
-        )
+        x, end = (pin.x - 6, ' class="end"') if pin.side else (pin.x + 6, "")
+        y = pin.y
+        if pin.box.junction:
+            # Signs are in the circle, next to the ends of the wires.
+            x = pin.box.x + (JUNCTION_SIZE / 2 - 3 if pin.entry else 3)
+            y -= pin.entry * (JUNCTION_LEAD + 5)
         if row.name:
-            yield f'<text{end} x="{x:g}" y="{pin.y + 4:g}">{title(row.port)}{escape(row.name)}</text>'
+            yield f'<text{end} x="{x:g}" y="{y:g}" dy="4">{title(row.port)}{escape(row.name)}</text>'
         if row.note:
-            x, y = pin.box.x - 4, pin.y + (-4 if row.key else 3)
-            yield f'<text class="note faint end" x="{x:g}" y="{y:g}">{escape(row.note)}</text>'
+            y = pin.y + (-4 if row.key else 3)
+            yield f'<text class="note faint end" x="{pin.x - 4:g}" y="{y:g}">{escape(row.note)}</text>'
+
+
+def tip(path: list[Point]) -> str:
+    """Return the arrowhead at the end of a `path`, in SVG notation."""
+    (before, _), (x, y) = path[-2:]
+    if before < x:
+        return f"M{x:g} {y:g}l-7 -3.5v7z"
+    # Wires enter a junction from above or below.
+    return f"M{x:g} {y:g}l-3.5 {7 if path[-2][1] > y else -7}h7z"
+
+
+def hover(block: Block) -> str:
+    """Return the tooltip of a `block`: its summary, and its parameters and settings with all digits."""
+    settings = {
+        name: value
+        for name, value in {**vars(block), **block.parameters}.items()
+        if isinstance(value, str | int | float | np.ndarray) and name[0] != "_"
+    }
+    facts = (f"{name} = {value}" for name, value in settings.items() if name != "name")
+    return "\n".join([block._described().head, *facts])
+
+
+def outlined(figure: Figure, kind: str) -> Iterator[str]:
+    """Yield the outline of a `figure`, an element of the class `kind`."""
+    x, y, width, height = figure.outline
+    if figure.symbol is not None and figure.symbol.outline == "triangle":
+        path = f"M{x:g} {y:g}v{height:g}l{width:g} {-height / 2:g}z"
+        yield f'<path class="{kind}" d="{path}"/>'
+        return
+    corner = JUNCTION_SIZE / 2 if figure.box.junction else 4
+    size = f'width="{width:g}" height="{height:g}"'
+    yield f'<rect class="{kind}" x="{x:g}" y="{y:g}" {size} rx="{corner:g}"/>'
+    if isinstance(figure.block, Diagram):
+        size = f'width="{width - 6:g}" height="{height - 6:g}"'
+        yield f'<rect class="{kind} open" x="{x + 3:g}" y="{y + 3:g}" {size} rx="2"/>'
+
+
+def inscribed(figure: Figure) -> Iterator[str]:
+    """Yield the symbol, the name and the captions of a `figure`."""
+    _, y, _, height = figure.outline
+    x, end, low = 8.0, "", 17.0
+    if figure.symbol is not None:
+        yield from symbol_of(figure.symbol, figure.middle, y + height / 2)
+        x, end, low = figure.box.width / 2, "middle", y + height + 13
+    if figure.box.junction:
+        x, end, low = JUNCTION_SIZE - 6, "", 10.0
+    if figure.name:
+        yield f'<text class="name {end}" x="{x:g}" y="{low:g}">{escape(figure.name)}</text>'
+        low += CAPTION_HEIGHT
+    for line in figure.captions:
+        yield f'<text class="note faint {end}" x="{x:g}" y="{low:g}">{raised(line)}</text>'
+        low += CAPTION_HEIGHT
+
+
+def symbol_of(symbol: Symbol, x: float, y: float) -> Iterator[str]:
+    """Yield the content of a `symbol` around a point [px]."""
+    if symbol.curve:
+        width, height = CURVE_SIZE
+        left, top = x - width / 2, y - height / 2
+        yield f'<path class="axes" d="M{left:g} {y:g}h{width:g}M{x:g} {top:g}v{height:g}"/>'
+        yield f'<path class="curve" transform="translate({left:g},{top:g})" d="{escape(symbol.curve)}"/>'
+    lines = symbol.text.split("\n")
+    y -= sum(BAR_HEIGHT if line == "-" else LINE_HEIGHT for line in lines) / 2
+    half = max(map(breadth, lines)) / 2
+    for line in lines:
+        if line == "-":
+            yield f'<path class="curve" d="M{x - half:g} {y + 2:g}h{2 * half:g}"/>'
+        else:
+            yield f'<text class="middle" x="{x:g}" y="{y + 11:g}">{raised(line)}</text>'
+        y += BAR_HEIGHT if line == "-" else LINE_HEIGHT
+
+
+def raised(text: str) -> str:
+    """Return a `text` as SVG, with its superscripts."""
+    parts = [escape(part) for part in RAISED.split(text)]
+    # After a superscript, the text returns to its line.
+    return parts[0] + "".join(
+        f'<tspan class="note" dy="-4">{up}</tspan><tspan dy="4">{part}</tspan>'
+        for up, part in zip(parts[1::2], parts[2::2], strict=True)
+    )
 
 
 def title(port: Port) -> str:

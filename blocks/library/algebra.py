@@ -75,7 +75,7 @@ class Gain(Shaped):
     @property
     def gain_unit(self) -> str:
         """Unit of the gain; it is empty if that of the input or of the output is unknown."""
-        units = self.input_unit, self.output_unit
+        units = self.output_unit, self.input_unit
         return quotient(*units) if all(isinstance(u, str) for u in units) else ""
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
