@@ -109,6 +109,8 @@ def place(layers: list[list[Box]], channels: Channels, gap: float) -> None:
         for rail in channel
         for a in rail.left
         for b in rail.right
+        # Wires that run back are not level with those that run on.
+        if a.box.back == b.box.back
     ]
     heights = positions(len(boxes), limits, wires, REWEIGHTING_ROUNDS)
     for box, y in zip(boxes, heights.tolist(), strict=True):

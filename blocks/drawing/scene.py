@@ -212,7 +212,10 @@ def shown_rows(
 def labels(block: Block, symbol: Symbol | None, hidden: int) -> tuple[str, list[str]]:
     """Return name and captions of a `block`, of which a number of ports is `hidden`."""
     if symbol is None:
-        captions = [brief(type(block).__name__)]
+        kind = type(block).__name__
+        if isinstance(block, Diagram):
+            kind = f"{len(block.blocks)} blocks"
+        captions = [brief(kind)]
         scalars = {n: v for n, v in block.parameters.items() if not v.ndim}
         if len(scalars) <= MAX_PARAMETERS:
             captions += [brief(f"{n} = {value_text(v)}") for n, v in scalars.items()]

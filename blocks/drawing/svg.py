@@ -9,7 +9,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from trussflow.blocks.drawing.graph import JUNCTION_LEAD, JUNCTION_SIZE, Net, Point
+from trussflow.blocks.drawing.graph import (
+    JUNCTION_LEAD,
+    JUNCTION_SIZE,
+    Box,
+    Net,
+    Pin,
+    Point,
+)
 from trussflow.blocks.drawing.scene import (
     BAR_HEIGHT,
     CAPTION_HEIGHT,
@@ -17,6 +24,7 @@ from trussflow.blocks.drawing.scene import (
     LINE_HEIGHT,
     RAISED,
     Figure,
+    Row,
     Scene,
     breadth,
     scene_of,
@@ -34,8 +42,8 @@ PICTURE_MARGIN = 12
 """Margin around the picture [px]."""
 
 
-def svg_of(diagram: Diagram) -> str:
-    """Return the picture of a `diagram`, each nested diagram as one block."""
+def svg_of(diagram: Diagram, *, nested: bool = False) -> str:
+    """Return the picture of a `diagram`: each nested diagram is one block, and contains its own if `nested`."""
     scene = scene_of(diagram)
     style = (
         files("trussflow.blocks.drawing")
@@ -54,8 +62,8 @@ def svg_of(diagram: Diagram) -> str:
     keys, x, y = "", float(PICTURE_MARGIN), scene.height + PICTURE_MARGIN + 16
     for clock, kind in rates.items():
         text = every(float(clock.period), float(clock.offset))
-        keys += f'<rect class="box {kind}" x="{x:g}" y="{y:g}" width="12" height="12"/>'
-        keys += f'<text class="faint" x="{x + 17:g}" y="{y + 10:g}">{text}</text>'
+        keys += f'<rect class="box {kind}" x="{x:g}" width="12" height="12"/>'
+        keys += f'<text class="faint" x="{x + 17:g}" y="10">{text}</text>'
         x += breadth(text) + 34
     width, height = (
         max(scene.width + 2 * PICTURE_MARGIN, x),
@@ -66,7 +74,8 @@ def svg_of(diagram: Diagram) -> str:
         f'viewBox="0 0 {width:g} {height:g}"><title>{escape(diagram.name)}</title><style>{style}</style>'
         f'<rect class="paper" width="{width:g}" height="{height:g}"/>'
         f'<g transform="translate({PICTURE_MARGIN},{PICTURE_MARGIN})">'
-        f"{''.join(drawn(scene, colour))}</g>{keys}</svg>\n"
+        f"{''.join(view(scene, colour, nested))}</g>"
+        f'<g class="keys" transform="translate(0,{y:g})">{keys}</g></svg>\n'
     )
 
 
@@ -80,8 +89,9 @@ def clocks_of(block: Block) -> set[Clock]:
     return {Clock.of(leaf) for leaf in leaves(block) if leaf.sample_time is not None}
 
 
-def drawn(scene: Scene, colour: Callable[[Block], str]) -> Iterator[str]:
-    """Yield the SVG elements of a `scene`; `colour` returns the class of a block."""
+def view(scene: Scene, colour: Callable[[Block], str], nested: bool) -> Iterator[str]:
+    """Yield the SVG elements of a `scene`; `colour` returns the class of a block. See `svg_of`."""
+    yield f'<g class="view" data-size="{scene.width:g} {scene.height:g}">'
     for net, source in scene.wires:
         line = "".join(
             "M" + "L".join(f"{x:g} {y:g}" for x, y in path) for path in net.paths
@@ -91,29 +101,47 @@ def drawn(scene: Scene, colour: Callable[[Block], str]) -> Iterator[str]:
         dots = "".join(
             f"M{x - 2.5:g} {y:g}a2.5 2.5 0 1 1 0 .01z" for x, y in forks(net)
         )
-        kind = "wire scalar" if source.whole_shape == () else "wire"
+        kind = "wire" if source.whole_shape else "wire scalar"
         # The first path is wide and transparent: the tooltip appears near a wire.
-        yield f'<g>{title(source)}<path class="near" d="{line}"/><path class="{kind}" d="{line}"/>'
+        yield f'<g class="signal" data-path="{escape(source.path)}">{title(source)}'
+        yield f'<path class="near" d="{line}"/><path class="{kind}" d="{line}"/>'
         yield f'<path class="tip" d="{tips}{dots}"/></g>'
+    texts = {pin: row for row, pin in scene.pins}
     for figure in scene.figures:
-        box = figure.box
-        yield f'<g transform="translate({box.x:g},{box.y:g})">'
-        yield f"<title>{escape(hover(figure.block))}</title>"
+        box, pins = figure.box, [*figure.box.sides[0], *figure.box.sides[1]]
+        # The page moves a block with one row of pins by that row, and stretches others.
+        rows = {pin.dy for pin in pins if not pin.entry}
+        row = rows.pop() if len(rows) == 1 else ""
+        place = f"{box.x:g} {box.y:g} {box.width:g} {box.height:g} {row}"
+        yield f'<g class="block" data-path="{escape(figure.block.path)}" data-place="{place}" '
+        yield f'transform="translate({box.x:g},{box.y:g})"><title>{escape(hover(figure.block))}</title>'
         yield from outlined(figure, f"box {colour(figure.block)}")
         yield from inscribed(figure)
+        for pin in pins:
+            yield from labelled(texts[pin], pin, box)
+        if nested and isinstance(figure.block, Diagram):
+            yield from view(scene_of(figure.block), colour, nested)
         yield "</g>"
-    for row, pin in scene.pins:
-        x, end = (pin.x - 6, ' class="end"') if pin.side else (pin.x + 6, "")
-        y = pin.y
-        if pin.box.junction:
-            # Signs are in the circle, next to the ends of the wires.
-            x = pin.box.x + (JUNCTION_SIZE / 2 - 3 if pin.entry else 3)
-            y -= pin.entry * (JUNCTION_LEAD + 5)
-        if row.name:
-            yield f'<text{end} x="{x:g}" y="{y:g}" dy="4">{title(row.port)}{escape(row.name)}</text>'
-        if row.note:
-            y = pin.y + (-4 if row.key else 3)
-            yield f'<text class="note faint end" x="{pin.x - 4:g}" y="{y:g}">{escape(row.note)}</text>'
+    for box in scene.edges:
+        for pin in (*box.sides[0], *box.sides[1]):
+            yield from labelled(texts[pin], pin)
+    yield "</g>"
+
+
+def labelled(row: Row, pin: Pin, box: Box | None = None) -> Iterator[str]:
+    """Yield the texts of a `row` at its `pin`, relative to a `box` [px]."""
+    x, y = (pin.x - box.x, pin.dy) if box else (pin.x, pin.y)
+    note = f'<text class="note faint end" x="{x - 4:g}" y="{y:g}" dy="{-4 if row.key else 3}">'
+    if row.note:
+        yield f"{note}{escape(row.note)}</text>"
+    x, end = (x - 6, ' class="end"') if pin.side else (x + 6, "")
+    if pin.box.junction:
+        # Signs are in the circle, next to the ends of the wires.
+        x = JUNCTION_SIZE / 2 - 3 if pin.entry else 3.0
+        y -= pin.entry * (JUNCTION_LEAD + 5)
+    if row.name:
+        port = f'data-port="{escape(row.port.path)}"'
+        yield f'<text{end} {port} x="{x:g}" y="{y:g}" dy="4">{title(row.port)}{escape(row.name)}</text>'
 
 
 def tip(path: list[Point]) -> str:

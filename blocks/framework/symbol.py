@@ -39,7 +39,7 @@ class Symbol:
     pins : str
         One sign for each input, drawn instead of its name.
     caption : str
-        Text below the name of the block. It is omitted if all its values are zero.
+        Text below the name of the block. It is omitted if all its values are zero or infinite.
 
     Examples
     --------
@@ -60,13 +60,13 @@ class Symbol:
     def of(self, block: Block) -> Symbol:
         """Return the symbol with the values of a `block`."""
         values, below = _Values(block), _Values(block)
-        caption = self.caption.format_map(below)
-        zero = below and not any(np.any(each.value) for each in below.values())
+        caption = self.caption.format_map(below).strip()
+        usual = below and {f"{value}" for value in below.values()} <= {"0", "∞", "−∞"}
         return replace(
             self,
-            text=self.text.format_map(values),
+            text=self.text.format_map(values).strip(),
             pins=self.pins.format_map(values),
-            caption="" if zero else caption,
+            caption="" if usual else caption,
         )
 
 
@@ -110,8 +110,10 @@ def value_text(value: Any, large: str = "") -> str:
     if not isinstance(value, float | int | np.ndarray):
         return ""
     array = np.asarray(value, dtype=float)
-    if array.ndim == 0:
-        return number(float(array))
+    first = array.ravel()[:1]
+    # one element, zeros, and vectors of equal elements
+    if (array == first).all() and (array.ndim < 2 or array.size < 2 or not first.any()):
+        return number(float(first[0])) if array.size else ""
     rows = (" ".join(map(number, row)) for row in np.atleast_2d(array).tolist())
     text = f"[{'; '.join(rows)}]" if array.ndim < 3 else ""
     if 0 < len(text) <= MAX_VALUE_LENGTH:

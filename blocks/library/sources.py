@@ -215,7 +215,7 @@ class Sine(Source):
     bias = Parameter(shape="shape", meaning="b: mean value")
     symbol = Symbol(
         curve="M2 12C8-4 12-4 18 12S28 28 34 12",
-        caption="{amplitude} {unit}, {frequency} Hz",
+        caption="{frequency} Hz, {amplitude} {unit}",
     )
 
     def __init__(

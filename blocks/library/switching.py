@@ -220,7 +220,7 @@ class Pulse(Source):
     high = Parameter(shape="shape", meaning="y_1")
     low = Parameter(shape="shape", meaning="y_0")
     symbol = Symbol(
-        curve="M2 20h6V4h8v16h8V4h8v16", caption="{low}, {high} {unit} in {period} s"
+        curve="M2 20h6V4h8v16h8V4h8v16", caption="{period} s, {low} or {high} {unit}"
     )
 
     def __init__(
