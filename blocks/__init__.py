@@ -27,8 +27,8 @@ from trussflow.blocks.control.trajectory import Waypoints as Waypoints
 from trussflow.blocks.cosimulation.cosimulator import CoSimulator as CoSimulator
 from trussflow.blocks.cosimulation.cosimulator import cosimulate as cosimulate
 
-# sets the drawing function of Diagram
-from trussflow.blocks.drawing import svg as _svg  # noqa: F401
+# sets the drawing functions of Diagram
+from trussflow.blocks.drawing import page as _page  # noqa: F401
 from trussflow.blocks.framework.arithmetic import Operation as Operation
 from trussflow.blocks.framework.block import Block as Block
 from trussflow.blocks.framework.declarations import Attribute as Attribute

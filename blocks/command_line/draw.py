@@ -15,16 +15,20 @@ def parser(prog: str) -> argparse.ArgumentParser:
     """Return the argument parser of the command `prog`."""
     found = parser_of(
         prog,
-        "Draw a diagram as SVG, or print it as a tree of blocks with ports, rates and states.",
+        "Draw a diagram as SVG or HTML, or print it as a tree of blocks with ports, rates and states.",
         "loop.py:loop                # print the tree",
         "loop.py:loop loop.svg       # write the picture",
+        "loop.py:loop loop.html      # write a page with zoom, groups that open, and search",
     )
     found.add_argument(
         "item",
         help="module:name or file.py:name of a diagram, or of a function returning one",
     )
     found.add_argument(
-        "path", type=Path, nargs="?", help="file to write, with the suffix .svg"
+        "path",
+        type=Path,
+        nargs="?",
+        help="file to write, with the suffix .svg or .html",
     )
     return found
 

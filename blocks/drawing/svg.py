@@ -253,4 +253,4 @@ def forks(net: Net) -> list[Point]:
 
 
 # Set here, as the framework does not import the drawing package.
-Diagram._artist = svg_of
+Diagram._artists[".svg"] = svg_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar, overload
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, overload
 
 import numpy.typing as npt
 
@@ -19,6 +19,9 @@ from trussflow.blocks.support.files import replaced
 from trussflow.blocks.support.summary import Description
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import as_path, finite_array, one_of, shown
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 B = TypeVar("B", bound=Block)
 
@@ -321,16 +324,21 @@ class Diagram(Netlist):
                 return f"it is already exposed as '{name}'"
         return ""
 
-    def draw(self, path: str | Path | None = None) -> Picture:
-        """Draw the diagram: signals run from left to right, feedback runs back above or below the blocks.
+    def draw(
+        self, path: str | Path | None = None, *, result: xr.Dataset | None = None
+    ) -> Picture:
+        """Draw the diagram: signals run from left to right, feedback runs back below the blocks.
 
-        Each nested diagram is one block; its own `draw` shows its blocks. Sampled blocks are coloured by
-        rate. Tooltips show the connected ports, shapes, units and rates.
+        Blocks have the symbols of textbooks. Each nested diagram is one block; its own `draw` shows its
+        blocks. Sampled blocks are coloured by rate. Tooltips show complete names and values, shapes, units
+        and rates. A page has zoom, groups that open, and search.
 
         Parameters
         ----------
         path : str or pathlib.Path, optional
-            File to write, with the suffix .svg; an existing file is replaced.
+            File to write: a picture with the suffix .svg, or a page with .html. An existing file is replaced.
+        result : xarray.Dataset, optional
+            Result of a run, for a page: a click on a wire shows the chart of its signal.
 
         Returns
         -------
@@ -340,7 +348,7 @@ class Diagram(Netlist):
         Raises
         ------
         DiagramError
-            If the file cannot be written, or has another suffix.
+            If the file cannot be written, or has another suffix, or the result is not of this diagram.
 
         Examples
         --------
@@ -351,23 +359,32 @@ class Diagram(Netlist):
         >>> ramp.draw()[:4]
         '<svg'
         """
-        picture = Picture(type(self)._artist(self))
+        picture = text = Picture(self._artists[".svg"](self))
+        cannot = f"cannot draw diagram '{self.name}' to"
+        suffix = (
+            "" if path is None else as_path(DiagramError, cannot, path).suffix.lower()
+        )
+        if suffix not in ("", *self._artists) or (path is not None and not suffix):
+            raise DiagramError(
+                f"{cannot} '{path}': pictures are SVG, pages HTML; name the file .svg or .html"
+            )
+        if suffix == ".html":
+            text = self._artists[suffix](self, result)
+        elif result is not None:
+            raise DiagramError(
+                f"{cannot} '{path}': only a page shows a result; name the file .html"
+            )
         if path is not None:
-            cannot = f"cannot draw diagram '{self.name}' to"
-            if as_path(DiagramError, cannot, path).suffix.lower() != ".svg":
-                raise DiagramError(
-                    f"{cannot} '{path}': pictures are SVG; name the file .svg"
-                )
             try:
                 # Atomic: an interrupted call leaves the old file.
                 with replaced(path) as partial:
-                    partial.write_text(picture, encoding="utf-8")
+                    partial.write_text(text, encoding="utf-8")
             except OSError as error:
                 raise DiagramError(f"{cannot} '{path}': {error}") from error
         return picture
 
-    _artist: ClassVar[Callable[[Diagram], str]]
-    """Drawing function, set by the package `drawing`, which imports this one."""
+    _artists: ClassVar[dict[str, Callable[..., str]]] = {}
+    """Drawing functions by suffix, set by the package `drawing`, which imports this one."""
 
     def live(
         self,

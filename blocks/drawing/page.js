@@ -1,0 +1,247 @@
+"use strict";
+const MARGIN = 48, HEAD = 44, FOOT = 10; // around the content of an open group [px]
+const COLOURS = ["#1f77e0", "#d9730d", "#0e9f6e", "#db2777", "#8b5cf6", "#7f8c1d", "#0891b2", "#b45309"];
+const picture = document.getElementById("picture"), svg = picture.querySelector("svg");
+const camera = svg.querySelector(".view").parentNode, keys = svg.querySelector(".keys");
+const data = JSON.parse(document.getElementById("data").textContent);
+
+const children = (element, selector) => [...element.children].filter((child) => child.matches(selector));
+const numbers = (text) => text.trim().split(" ").map(Number);
+const set = (element, values) => Object.entries(values).forEach(([name, value]) => element.setAttribute(name, value));
+const drawn = (name, values) => {
+  const element = document.createElementNS(svg.namespaceURI, name);
+  set(element, values);
+  return element;
+};
+
+// ---- groups: places with all of them closed, and what moves if some are open
+
+function read(element, owner = null) {
+  const [width, height] = numbers(element.dataset.size);
+  const view = { element, owner, width, height };
+  view.paths = children(element, ".signal").flatMap((signal) => children(signal, "path")).map((path) => [path, path.getAttribute("d")]);
+  view.texts = children(element, "text").map((text) => [text, +text.getAttribute("x"), +text.getAttribute("y")]);
+  view.blocks = children(element, ".block").map((group) => {
+    const [x, y, w, h, row = null] = numbers(group.dataset.place);
+    const block = { element: group, view, x, y, w, h, row, open: false, path: group.dataset.path };
+    block.rects = children(group, "rect").map((rect) => [rect, ...["y", "width", "height"].map((name) => +rect.getAttribute(name))]);
+    block.texts = children(group, "text").map((text) => [text, +text.getAttribute("y")]);
+    const [inner] = children(group, ".view");
+    if (inner) {
+      block.inner = read(inner, block);
+      block.leads = group.appendChild(drawn("g", {}));
+      group.classList.add("group");
+    }
+    return block;
+  });
+  return view;
+}
+
+// Open groups push away the columns on their right and what is below. Returns the size of the view.
+function arrange(view) {
+  const cuts = { x: [], y: [] };
+  const moved = (axis, value) => cuts[axis].reduce((sum, [at, by]) => (value > at ? sum + by : sum), value);
+  const open = view.blocks.filter((block) => block.open);
+  for (const block of open) {
+    const [width, height] = arrange(block.inner);
+    block.size = { x: width + 2 * MARGIN, y: height + HEAD + FOOT };
+  }
+  const beside = (block) => view.blocks.filter((other) => other.x < block.x + block.w && block.x < other.x + other.w);
+  // A cut through a block with one row would leave its wires behind.
+  const cuttable = (y) => view.blocks.every((block) => block.row === null || Math.abs(y - block.y - block.row) > 14);
+  const ends = {
+    x: (block) => Math.max(...beside(block).map((other) => other.x + other.w)),
+    y: (block) => [0, 5, 10, 15, -5].map((by) => block.y + block.h + by).find(cuttable) ?? block.y + block.h,
+  };
+  for (const axis of ["x", "y"]) {
+    for (const block of open.sort((a, b) => ends[axis](a) - ends[axis](b))) {
+      const end = ends[axis](block);
+      const missing = block.size[axis] - moved(axis, end + 0.01) + moved(axis, block[axis]);
+      if (missing > 0) cuts[axis].push([end, missing]);
+    }
+  }
+  view.blocks.forEach((block) => place(block, moved));
+  for (const [path, d] of view.paths) {
+    set(path, { d: d.replace(/([ML])([-\d.e]+) ([-\d.e]+)/g, (_, kind, x, y) => `${kind}${moved("x", +x)} ${moved("y", +y)}`) });
+  }
+  for (const [text, x, y] of view.texts) set(text, { x: moved("x", x), y: moved("y", y) });
+  return [moved("x", view.width + 1), moved("y", view.height + 1)];
+}
+
+function place(block, moved) {
+  const { element, row, open } = block;
+  const left = moved("x", block.x), top = row === null ? moved("y", block.y) : moved("y", block.y + row) - row;
+  const inside = (y) => (row === null ? moved("y", block.y + y) - top : y);
+  set(element, { transform: `translate(${left},${top})` });
+  for (const [text, y] of block.texts) set(text, { y: inside(y) });
+  for (const [rect, y, width, height] of block.rects) {
+    set(rect, { y: inside(y), width, height: inside(y + height) - inside(y) });
+    if (open) set(rect, { width: block.size.x - block.w + width, height: block.size.y - block.h + height });
+  }
+  if (!block.inner) return;
+  element.classList.toggle("open", open);
+  block.leads.replaceChildren();
+  if (!open) return;
+  set(block.inner.element, { transform: `translate(${MARGIN},${HEAD})` });
+  for (const [port] of block.inner.texts) {
+    const outside = block.texts.find(([text]) => text.dataset.port && text.dataset.port === port.dataset.port);
+    if (!outside) continue;
+    const { x, width } = port.getBBox(), input = port.classList.contains("end");
+    const [start, stop] = input ? [0, MARGIN + x - 4] : [block.size.x, MARGIN + x + width + 4];
+    const from = inside(outside[1]), to = HEAD + +port.getAttribute("y"), middle = (start + stop) / 2;
+    block.leads.append(drawn("path", { class: "lead", d: `M${start} ${from}C${middle} ${from} ${middle} ${to} ${stop} ${to}` }));
+  }
+}
+
+const whole = read(svg.querySelector(".view"));
+const all = (view) => view.blocks.flatMap((block) => [block, ...(block.inner ? all(block.inner) : [])]);
+const blocks = all(whole);
+
+// ---- camera
+
+const eye = { x: 0, y: 0, scale: 1 };
+
+function look(x, y, scale) {
+  Object.assign(eye, { x, y, scale: Math.min(8, Math.max(0.05, scale)) });
+  set(camera, { transform: `translate(${eye.x},${eye.y}) scale(${eye.scale})` });
+}
+
+function fit() {
+  const { width, height } = picture.getBoundingClientRect(), [w, h] = arrange(whole);
+  const scale = Math.min((width - 24) / w, (height - 56) / h, 1.6);
+  look((width - scale * w) / 2, Math.max(12, (height - 32 - scale * h) / 2), scale);
+  set(keys, { transform: `translate(0,${height - 22})` });
+}
+
+function zoom(x, y, factor) {
+  const scale = Math.min(8, Math.max(0.05, eye.scale * factor)), by = scale / eye.scale;
+  look(x - (x - eye.x) * by, y - (y - eye.y) * by, scale);
+}
+
+function goTo(block) {
+  for (let owner = block.view.owner; owner; owner = owner.view.owner) owner.open = true;
+  fit();
+  const frame = picture.getBoundingClientRect(), box = block.element.getBoundingClientRect();
+  const scale = Math.max(eye.scale, 1), by = scale / eye.scale;
+  const x = box.x + box.width / 2 - frame.x, y = box.y + box.height / 2 - frame.y;
+  look(frame.width / 2 - (x - eye.x) * by, frame.height / 2 - (y - eye.y) * by, scale);
+}
+
+picture.addEventListener("wheel", (event) => {
+  event.preventDefault();
+  const { x, y } = picture.getBoundingClientRect();
+  zoom(event.clientX - x, event.clientY - y, Math.exp(-event.deltaY / 500));
+}, { passive: false });
+
+let start = null, dragged = false;
+picture.addEventListener("pointerdown", (event) => {
+  start = { x: event.clientX - eye.x, y: event.clientY - eye.y, at: [event.clientX, event.clientY] };
+  dragged = false;
+});
+window.addEventListener("pointermove", (event) => {
+  if (!start) return;
+  dragged ||= Math.hypot(event.clientX - start.at[0], event.clientY - start.at[1]) > 4;
+  if (dragged) look(event.clientX - start.x, event.clientY - start.y, eye.scale);
+});
+window.addEventListener("pointerup", () => { start = null; });
+
+picture.addEventListener("click", (event) => {
+  if (dragged) return;
+  const signal = event.target.closest(".signal.plotted");
+  if (signal) {
+    plot(signal.dataset.path);
+    return;
+  }
+  const block = blocks.find((one) => one.inner && one.element === event.target.closest(".block"));
+  if (block) {
+    block.open = !block.open;
+    arrange(whole);
+  }
+});
+
+function openAll(open) {
+  blocks.forEach((block) => { block.open = open && Boolean(block.inner); });
+  fit();
+}
+document.getElementById("open").addEventListener("click", () => openAll(true));
+document.getElementById("close").addEventListener("click", () => openAll(false));
+document.getElementById("fit").addEventListener("click", fit);
+window.addEventListener("resize", fit);
+for (const id of ["open", "close"]) document.getElementById(id).hidden = !blocks.some((block) => block.inner);
+
+// ---- search
+
+const search = document.getElementById("search"), hits = document.getElementById("hits");
+let found = [], current = -1;
+search.addEventListener("input", () => {
+  const text = search.value.trim().toLowerCase();
+  found = text ? blocks.filter((block) => block.path.toLowerCase().includes(text)) : [];
+  current = -1;
+  blocks.forEach((block) => block.element.classList.toggle("hit", found.includes(block)));
+  hits.textContent = text ? `${found.length} found` : "";
+});
+search.addEventListener("keydown", (event) => {
+  if (event.key !== "Enter" || !found.length) return;
+  current = (current + 1) % found.length;
+  hits.textContent = `${current + 1} of ${found.length}: ${found[current].path}`;
+  goTo(found[current]);
+});
+
+// ---- chart of a signal
+
+const panel = document.getElementById("chart"), canvas = panel.querySelector("canvas");
+let shown = null;
+for (const signal of svg.querySelectorAll(".signal")) signal.classList.toggle("plotted", signal.dataset.path in data.signals);
+
+function ticks(low, high) {
+  const rough = (high - low) / 5, power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map((factor) => factor * power).find((one) => one >= rough);
+  const places = [];
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k += 1) places.push(+(k * step).toPrecision(12));
+  return places;
+}
+
+function plot(path) {
+  shown = path;
+  panel.hidden = path === null;
+  for (const signal of svg.querySelectorAll(".signal")) signal.classList.toggle("shown", signal.dataset.path === path);
+  if (path === null) return;
+  const { name, lines } = data.signals[path], time = data.time, pen = canvas.getContext("2d");
+  const { width, height } = canvas.getBoundingClientRect(), ratio = window.devicePixelRatio;
+  Object.assign(canvas, { width: width * ratio, height: height * ratio });
+  pen.scale(ratio, ratio);
+  const values = lines.flatMap((line) => line.values).filter((value) => value !== null);
+  let [low, high] = values.length ? [Math.min(...values), Math.max(...values)] : [0, 1];
+  if (high - low < 1e-12 * Math.max(Math.abs(low), Math.abs(high), 1e-300)) [low, high] = [low - (Math.abs(low) || 1) / 2, high + (Math.abs(high) || 1) / 2];
+  const first = time[0], last = time[time.length - 1] > first ? time[time.length - 1] : first + 1;
+  const x = (t) => 80 + ((t - first) / (last - first)) * (width - 100), y = (v) => height - 34 - ((v - low) / (high - low)) * (height - 62);
+  const style = getComputedStyle(document.documentElement);
+  pen.font = "12px system-ui, sans-serif";
+  pen.fillStyle = style.getPropertyValue("--ink");
+  pen.strokeStyle = "#8886";
+  const write = (text, left, top, align) => { pen.textAlign = align; pen.fillText(text, left, top); };
+  const line = (points) => { pen.beginPath(); points.forEach(([a, b]) => pen.lineTo(a, b)); pen.stroke(); };
+  for (const t of ticks(first, last)) { line([[x(t), 24], [x(t), height - 34]]); write(t, x(t), height - 18, "center"); }
+  for (const v of ticks(low, high)) { line([[80, y(v)], [width - 20, y(v)]]); write(v, 74, y(v) + 4, "right"); }
+  write("time [s]", width - 20, height - 4, "right");
+  write(name, 80, 16, "left");
+  let right = 96 + pen.measureText(name).width;
+  lines.forEach((one, i) => {
+    pen.strokeStyle = pen.fillStyle = COLOURS[i % COLOURS.length];
+    if (lines.length > 1) { write(one.label, right, 16, "left"); right += pen.measureText(one.label).width + 12; }
+    pen.lineWidth = 1.5;
+    pen.beginPath();
+    let gap = true;
+    one.values.forEach((value, k) => {
+      if (value !== null) pen[gap ? "moveTo" : "lineTo"](x(time[k]), y(value));
+      gap = value === null;
+    });
+    pen.stroke();
+  });
+}
+panel.querySelector("button").addEventListener("click", () => plot(null));
+window.addEventListener("resize", () => { if (shown !== null) plot(shown); });
+
+svg.removeAttribute("viewBox");
+fit();
+document.body.dataset.state = "ready";

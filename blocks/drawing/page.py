@@ -1,0 +1,79 @@
+"""Page of a diagram: the picture with zoom, groups that open, search, and charts of a result."""
+
+from __future__ import annotations
+
+import json
+from html import escape
+from importlib.resources import files
+from string import Template
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trussflow.blocks.drawing.svg import svg_of
+from trussflow.blocks.errors import DiagramError
+from trussflow.blocks.framework.diagram import Diagram
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MAX_INSTANTS, MAX_LINES = 600, 8
+"""Largest numbers of instants and of elements of a signal in its chart."""
+
+
+def page_of(diagram: Diagram, result: xr.Dataset | None = None) -> str:
+    """Return the HTML text of a page with the picture of a `diagram`.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        The diagram.
+    result : xarray.Dataset, optional
+        Result of a run; a click on a wire shows the chart of its signal.
+
+    Raises
+    ------
+    DiagramError
+        If the result has no signal of the diagram.
+    """
+    data: dict[str, Any] = {"time": [], "signals": {}}
+    if result is not None:
+        times = result["time"].to_numpy()
+        count = min(MAX_INSTANTS, times.size)
+        instants = np.linspace(0, times.size - 1, count).round().astype(int)
+        ports = {port.path for block in diagram.within() for port in block.outputs()}
+        data["time"] = _numbers(times[instants])
+        for path in ports & {*map(str, result)}:
+            data["signals"][path] = _signal(result[path].isel(time=instants))
+        if not data["signals"]:
+            raise DiagramError(
+                f"the result has no signal of diagram '{diagram.name}'; give the result of its own run"
+            )
+    folder = files("trussflow.blocks.drawing")
+    template = folder.joinpath("page.html").read_text(encoding="utf-8")
+    return Template(template).substitute(
+        title=escape(diagram.name),
+        picture=svg_of(diagram, nested=True),
+        # A name with </script> would end the element.
+        data=json.dumps(data).replace("<", "\\u003c"),
+        script=folder.joinpath("page.js").read_text(encoding="utf-8"),
+    )
+
+
+def _signal(values: xr.DataArray) -> dict[str, Any]:
+    """Return the chart of a logged signal: its name with unit, and its lines."""
+    unit = values.attrs.get("units", "")
+    rows = values.to_numpy().reshape(values.sizes["time"], -1)[:, :MAX_LINES]
+    lines = [
+        {"label": f"[{i}]", "values": _numbers(row)} for i, row in enumerate(rows.T)
+    ]
+    return {"name": f"{values.name} [{unit}]" if unit else values.name, "lines": lines}
+
+
+def _numbers(values: np.ndarray[Any, Any]) -> list[float | None]:
+    """Return numbers with six digits for JSON; those that are not finite are None."""
+    return [float(f"{v:.6g}") if np.isfinite(v) else None for v in values]
+
+
+# Set here, as the framework does not import the drawing package.
+Diagram._artists[".html"] = page_of
