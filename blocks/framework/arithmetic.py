@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -227,23 +228,22 @@ class Operation(Block):
     @property
     def formula(self) -> str:
         """The operation as text, such as ``"u1 / u2"`` or ``"u + 2"``."""
-        ports, constant = self.inputs(), self.parameters.get("constant")
-        names = ["u1", "u2"][: self.function.nin]
-        if len(ports) == 1:
-            own = ports[0].name
-            names = ["u" if n == own else value_text(constant) for n in names]
-        name = self.function.__name__
-        return FORMULAS.get(name, f"{name}({', '.join(names)})").format(*names)
+        name, constant = self.function.__name__, self.parameters.get("constant")
+        operands = [
+            each if each in self.ports else value_text(constant)
+            for each in ("u1", "u2")[: self.function.nin]
+        ]
+        text = FORMULAS.get(name, f"{name}({', '.join(operands)})").format(*operands)
+        return text if len(self.inputs()) == 2 else re.sub("u[12]", "u", text)
 
     @property
     def symbol(self) -> Symbol:
         """Product as a circle, constant factor as a triangle, otherwise the formula."""
-        factor = self.function in (np.multiply, np.matmul)
-        if factor and len(self.inputs()) == 1:
-            return Symbol("{constant:K}", outline="triangle")
-        if self.function is np.multiply:
+        if self.function is not np.multiply:
+            return Symbol("{formula}")
+        if len(self.inputs()) == 2:
             return Symbol("×", outline="circle")
-        return Symbol("{formula}")
+        return Symbol("{constant}", outline="triangle")
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the function of the operands."""

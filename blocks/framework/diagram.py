@@ -359,28 +359,27 @@ class Diagram(Netlist):
         >>> ramp.draw()[:4]
         '<svg'
         """
-        picture = text = Picture(self._artists[".svg"](self))
-        cannot = f"cannot draw diagram '{self.name}' to"
-        suffix = (
-            "" if path is None else as_path(DiagramError, cannot, path).suffix.lower()
-        )
-        if suffix not in ("", *self._artists) or (path is not None and not suffix):
+        cannot, suffix = f"cannot draw diagram '{self.name}' to", ""
+        if path is not None:
+            suffix = as_path(DiagramError, cannot, path).suffix.lower()
+        if result is not None and suffix != ".html":
+            raise DiagramError(
+                f"{cannot} '{path}': only a page shows a result; name a file .html"
+            )
+        picture = Picture(self._artists[".svg"](self))
+        if path is None:
+            return picture
+        if suffix not in self._artists:
             raise DiagramError(
                 f"{cannot} '{path}': pictures are SVG, pages HTML; name the file .svg or .html"
             )
-        if suffix == ".html":
-            text = self._artists[suffix](self, result)
-        elif result is not None:
-            raise DiagramError(
-                f"{cannot} '{path}': only a page shows a result; name the file .html"
-            )
-        if path is not None:
-            try:
-                # Atomic: an interrupted call leaves the old file.
-                with replaced(path) as partial:
-                    partial.write_text(text, encoding="utf-8")
-            except OSError as error:
-                raise DiagramError(f"{cannot} '{path}': {error}") from error
+        text = self._artists[suffix](self, result) if suffix == ".html" else picture
+        try:
+            # Atomic: an interrupted call leaves the old file.
+            with replaced(path) as partial:
+                partial.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise DiagramError(f"{cannot} '{path}': {error}") from error
         return picture
 
     _artists: ClassVar[dict[str, Callable[..., str]]] = {}

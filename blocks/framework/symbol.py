@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from string import Formatter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -59,40 +60,31 @@ class Symbol:
 
     def of(self, block: Block) -> Symbol:
         """Return the symbol with the values of a `block`."""
-        values, below = _Values(block), _Values(block)
-        caption = self.caption.format_map(below).strip()
-        usual = below and {f"{value}" for value in below.values()} <= {"0", "∞", "−∞"}
+        fill, below = _Filling(block), _Filling(block)
+        caption = below.format(self.caption).strip()
+        usual = below.used and set(below.used) <= {"0", "∞", "−∞"}
         return replace(
             self,
-            text=self.text.format_map(values).strip(),
-            pins=self.pins.format_map(values),
+            text=fill.format(self.text).strip(),
+            pins=fill.format(self.pins),
             caption="" if usual else caption,
         )
 
 
-class _Values(dict[str, "_Value"]):
-    """Values of the parameters and attributes of a block that a text has used, by name."""
+class _Filling(Formatter):
+    """Formatter that takes the values of a block; `used` has their texts."""
 
     def __init__(self, block: Block) -> None:
-        super().__init__()
-        self._block = block
+        self.block = block
+        self.used: list[str] = []
 
-    def __missing__(self, name: str) -> _Value:
-        block = self._block
-        self[name] = _Value(block.parameters.get(name, getattr(block, name, "?")))
-        return self[name]
+    def get_value(self, key: Any, args: Any, kwargs: Any) -> Any:
+        return self.block.parameters.get(key, getattr(self.block, key, "?"))
 
-
-@dataclass(frozen=True, slots=True)
-class _Value:
-    """A value that formats itself; see `Symbol`."""
-
-    value: Any
-
-    def __format__(self, form: str) -> str:
-        if form in {"s", "z"}:
-            return polynomial(self.value, form)
-        return value_text(self.value, form)
+    def format_field(self, value: Any, form: str) -> str:
+        given = polynomial if form in {"s", "z"} else value_text
+        self.used.append(given(value, form))
+        return self.used[-1]
 
 
 def value_text(value: Any, large: str = "") -> str:

@@ -75,8 +75,8 @@ class Gain(Shaped):
     @property
     def gain_unit(self) -> str:
         """Unit of the gain; it is empty if that of the input or of the output is unknown."""
-        units = self.output_unit, self.input_unit
-        return quotient(*units) if all(isinstance(u, str) for u in units) else ""
+        y, u = self.output_unit, self.input_unit
+        return quotient(y, u) if isinstance(y, str) and isinstance(u, str) else ""
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the product."""
@@ -102,7 +102,7 @@ class MatrixGain(Block):
     u = Input("columns", unit=Attribute("input_unit"), meaning="vector to multiply")
     y = Output("rows", unit=Attribute("output_unit"), meaning="the product")
     gain = Parameter(shape=None, meaning="K: matrix")
-    symbol = Symbol("{gain:K}", outline="triangle")
+    symbol = Symbol("{gain:K} u")
 
     def __init__(
         self, gain: npt.ArrayLike, *, input_unit: Unit = None, output_unit: Unit = None
