@@ -138,7 +138,7 @@ def labelled(row: Row, pin: Pin, box: Box | None = None) -> Iterator[str]:
     if pin.box.junction:
         # Signs are in the circle, next to the ends of the wires.
         x = JUNCTION_SIZE / 2 - 3 if pin.entry else 3.0
-        y -= pin.entry * (JUNCTION_LEAD + 5)
+        y = pin.box.height / 2 + pin.entry * 7 if pin.entry else y
     if row.name:
         port = f'data-port="{escape(row.port.path)}"'
         yield f'<text{end} {port} x="{x:g}" y="{y:g}" dy="4">{title(row.port)}{escape(row.name)}</text>'
@@ -172,6 +172,8 @@ def outlined(figure: Figure, kind: str) -> Iterator[str]:
         yield f'<path class="{kind}" d="{path}"/>'
         return
     corner = JUNCTION_SIZE / 2 if figure.box.junction else 4
+    if any(pin.entry for pin in figure.box.sides[0]):
+        y, height = (figure.box.height - JUNCTION_SIZE) / 2, JUNCTION_SIZE
     size = f'width="{width:g}" height="{height:g}"'
     yield f'<rect class="{kind}" x="{x:g}" y="{y:g}" {size} rx="{corner:g}"/>'
     if isinstance(figure.block, Diagram):

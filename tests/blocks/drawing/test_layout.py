@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trussflow.blocks.drawing.graph import Box, Net, Rail
+from trussflow.blocks.drawing.graph import JUNCTION_LEAD, JUNCTION_SIZE, Box, Net, Rail
 from trussflow.blocks.drawing.layout import layout
 from trussflow.blocks.drawing.routing import OVERLAP_COST, route, tracks
 
@@ -76,19 +76,27 @@ def check_laws(boxes, nets, width, height):
         source = (net.source.box.x + net.source.box.width, net.source.y)
         for path, pin in zip(net.paths, net.targets, strict=True):
             assert path[0] == source
-            assert path[-1] == (pin.box.x, pin.y)
             # level or upright
             assert all((p[0] == q[0]) != (p[1] == q[1]) for p, q in pairwise(path))
             assert path[1][0] > path[0][0]  # leaves to the right
-            assert path[-2][0] < path[-1][0]  # and comes from the left
+            if pin.entry:  # ends at the top or bottom of the circle
+                low = pin.box.y + pin.box.height / 2 + pin.entry * JUNCTION_SIZE / 2
+                assert path[-1] == (pin.box.x + JUNCTION_SIZE / 2, low)
+                assert (path[-2][1] - path[-1][1]) * pin.entry > 0
+            else:
+                assert path[-1] == (pin.box.x, pin.y)
+                assert path[-2][0] < path[-1][0]  # and comes from the left
     for start, end in (line for net in nets for line in lines(net)):
         (x1, x2), (y1, y2) = sorted((start[0], end[0])), sorted((start[1], end[1]))
         for box in boxes:
+            lead = JUNCTION_LEAD if box.junction else 0.0
+            if any(pin.entry for pin in box.sides[0]):
+                lead = (box.height - JUNCTION_SIZE) / 2
             beside = (
                 x2 <= box.x
                 or box.x + box.width <= x1
-                or y2 <= box.y
-                or box.y + box.height <= y1
+                or y2 <= box.y + lead
+                or box.y + box.height - lead <= y1
             )
             assert beside, "a wire runs through a box"
     for one, other in combinations(nets, 2):
@@ -104,7 +112,18 @@ def test_laws_hold(seed, number, wires):
         box.width = chance.choice([40.0, 80.0, 160.0])
         for pin in box.sides[0]:
             pin.note = chance.choice([0.0, 20.0])
-    check_laws(boxes, nets, *layout(boxes, nets))
+        inputs, outputs = box.sides
+        if chance.random() < 0.4 and len(inputs) > 1 and len(outputs) < 2:
+            box.junction, box.width, box.height = True, JUNCTION_SIZE, 70.0
+            for pin in outputs:
+                pin.dy = 35.0
+    size = layout(boxes, nets)
+    check_laws(boxes, nets, *size)
+    for box in boxes:
+        if box.junction:
+            # one wire at each of its sides, or all at the left
+            entries = sorted(pin.entry for pin in box.sides[0])
+            assert len(set(entries)) == len(entries) or not any(entries)
 
 
 GRAPHS = [
@@ -154,6 +173,73 @@ def test_parallel_wires_between_two_boxes_are_straight():
     layout([a, b], nets)
     assert all(len(path) == 2 for net in nets for path in net.paths)
     assert a.x < b.x
+
+
+def loop_of_two_sums():
+    """Return boxes a -> b -> c -> a with a source of a and one of b, and their nets."""
+    boxes = [Box(50.0, 40.0) for _ in range(5)]
+    a, b, c, *sources = boxes
+    for box in (a, b):
+        box.junction, box.width, box.height = True, JUNCTION_SIZE, 54.0
+    nets = []
+    for start, end in ((a, b), (b, c), (c, a), (sources[0], a), (sources[1], b)):
+        nets.append(Net(start.pin(1, start.height / 2), [end.pin(0, 20.0)]))
+    return boxes, nets
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_negative_input_of_a_sum_is_its_feedback(first):
+    """Of a loop with an input at both sums, the sum of the subtracted signal comes first."""
+    boxes, nets = loop_of_two_sums()
+    sums = boxes[:2]
+    back = next(
+        pin
+        for net in nets
+        for pin in net.targets
+        if pin.box is sums[first] and net.source.box not in boxes[3:]
+    )
+    back.negative = True
+    layout(boxes, nets)
+    assert sums[first].x < sums[1 - first].x
+    assert back.entry == 1  # from below
+
+
+def test_signals_run_on_from_the_source_at_one_height():
+    """A chain with feedback from each box to its start is level, in order, and its feedback is below."""
+    boxes = [Box(50.0, 40.0) for _ in range(6)]
+    first = boxes[1]
+    first.junction, first.width, first.height = True, JUNCTION_SIZE, 54.0
+    nets = [
+        Net(a.pin(1, a.height / 2), [b.pin(0, b.height / 2)])
+        for a, b in pairwise(boxes)
+    ]
+    nets.append(Net(boxes[-1].pin(1, 20.0), [first.pin(0, 40.0)]))
+    shuffled = boxes[::-1]
+    layout(shuffled, nets)
+    assert [box.x for box in boxes] == sorted(box.x for box in boxes)
+    assert len({pin.y for net in nets[:-1] for pin in (net.source, *net.targets)}) == 1
+    low = max(box.y + box.height for box in boxes if not box.junction)
+    assert max(y for _, y in nets[-1].paths[0]) > low
+    # straight up into the sum
+    assert nets[-1].paths[0][-1][0] == nets[-1].paths[0][-2][0]
+    assert len(nets[-1].paths[0]) == 5
+
+
+def test_box_in_the_feedback_is_beside_its_first_source():
+    """An observer of command and motion, whose estimate goes back, makes the picture no wider."""
+    law, plant, observer = boxes = [Box(60.0, 60.0) for _ in range(3)]
+    source, drive = Box(60.0, 30.0), Box(60.0, 30.0)
+    nets = [
+        Net(source.pin(1, 15.0), [law.pin(0, 15.0)]),
+        Net(law.pin(1, 15.0), [drive.pin(0, 15.0), observer.pin(0, 15.0)]),
+        Net(drive.pin(1, 15.0), [plant.pin(0, 15.0)]),
+        Net(plant.pin(1, 15.0), [law.pin(0, 30.0), observer.pin(0, 40.0)]),
+        Net(observer.pin(1, 15.0), [law.pin(0, 45.0)]),
+    ]
+    size = layout([*boxes, source, drive], nets)
+    assert source.x < law.x < drive.x < plant.x
+    assert observer.x == drive.x
+    check_laws([*boxes, source, drive], nets, *size)
 
 
 def test_feedback_goes_back_below():
