@@ -38,6 +38,9 @@ from trussflow.blocks.framework.symbol import Symbol
 RATE_COLOURS = 6
 """Number of colours of rates in the style sheet; more rates reuse them."""
 
+MAX_EXACT = 100
+"""Largest number of elements that a tooltip shows with all digits."""
+
 PICTURE_MARGIN = 12
 """Margin around the picture [px]."""
 
@@ -155,13 +158,14 @@ def tip(path: list[Point]) -> str:
 
 def hover(block: Block) -> str:
     """Return the tooltip of a `block`: its summary, and its parameters and settings with all digits."""
-    settings = {
-        name: value
-        for name, value in {**vars(block), **block.parameters}.items()
-        if isinstance(value, str | int | float | np.ndarray) and name[0] != "_"
-    }
-    facts = (f"{name} = {value}" for name, value in settings.items() if name != "name")
-    return "\n".join([block._described().head, *facts])
+    facts = [block._described().head]
+    for name, value in {**vars(block), **block.parameters}.items():
+        if isinstance(value, np.ndarray):
+            exact = value.tolist() if value.size <= MAX_EXACT else value
+            facts.append(f"{name} = {exact}")
+        elif isinstance(value, float) and name[0] != "_":
+            facts.append(f"{name} = {value}")
+    return "\n".join(facts)
 
 
 def outlined(figure: Figure, kind: str) -> Iterator[str]:

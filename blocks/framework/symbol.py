@@ -103,8 +103,8 @@ def value_text(value: Any, large: str = "") -> str:
         return ""
     array = np.asarray(value, dtype=float)
     first = array.ravel()[:1]
-    # one element, zeros, and vectors of equal elements
-    if (array == first).all() and (array.ndim < 2 or array.size < 2 or not first.any()):
+    # A vector of equal elements may be a number, but not among matrices.
+    if (array == first).all() and (array.ndim < 2 - bool(large) or not first.any()):
         return number(float(first[0])) if array.size else ""
     rows = (" ".join(map(number, row)) for row in np.atleast_2d(array).tolist())
     text = f"[{'; '.join(rows)}]" if array.ndim < 3 else ""

@@ -11,16 +11,23 @@ import numpy as np
 import pytest
 
 from trussflow.blocks import (
+    PID,
+    Block,
     Constant,
     Diagram,
     Gain,
+    Input,
     Integrator,
     MatrixGain,
+    Output,
+    Step,
+    Sum,
+    TransferFunction,
     UnitDelay,
     ZeroOrderHold,
     simulate,
 )
-from trussflow.blocks.drawing.scene import HEAD_HEIGHT, breadth, scene_of
+from trussflow.blocks.drawing.scene import breadth
 from trussflow.blocks.errors import DiagramError
 
 LONG_NAME = "a_name_that_is_longer_than_any_picture_can_show_in_a_box"
@@ -55,40 +62,108 @@ def mixed():
     return diagram
 
 
-def texts(scene):
-    """Return the rectangles that texts fill [px]."""
+SIZES = {"name": 12.0, "note": 9.0}
+"""Sizes of letters by class; others have 11 px."""
+
+
+def texts(element, x=0.0, y=0.0):
+    """Yield the texts in an SVG element with the rectangles that they fill [px]."""
+    shift = re.match(
+        r"translate\(([-\d.e]+),([-\d.e]+)\)", element.get("transform", "")
+    )
+    if shift:
+        x, y = x + float(shift[1]), y + float(shift[2])
+    if element.tag == f"{SVG}text":
+        title = element.find(f"{SVG}title")
+        text = "".join(element.itertext())
+        if title is not None:
+            text = text.removeprefix(title.text)
+        kinds = element.get("class", "").split()
+        size = min([11.0, *(SIZES[kind] for kind in kinds if kind in SIZES)])
+        width = breadth(text) * size / 11
+        left = x + float(element.get("x"))
+        left -= {"end": 1.0, "middle": 0.5}.get(kinds[-1] if kinds else "", 0.0) * width
+        low = y + float(element.get("y")) + float(element.get("dy", 0.0))
+        yield text, (left, low - 0.7 * size, left + width, low)
+    for child in element:
+        yield from texts(child, x, y)
+
+
+def test_no_two_texts_overlap_and_all_are_in_the_picture():
+    diagram = mixed()
+    a, b = diagram.gain_3, diagram.gain_4
+    loop = diagram.add(sum=Sum("+-"), lag=TransferFunction([1.0], [1.0, 2.0]))
+    (a.y * b.y) >> loop[0].u1
+    loop[0] >> loop[1] >> loop[0].u2
+    step, pid = diagram.add(step=Step(1.0), pid=PID(1.0, 2.0, 3.0))
+    step >> pid.reference
+    loop[1] >> pid.measurement
+    root = ET.fromstring(diagram.draw())
+    found = [each for each in texts(root) if each[0]]
+    for (one, (a, b, c, d)), (other, (e, f, g, h)) in combinations(found, 2):
+        assert c <= e or g <= a or d <= f or h <= b, f"{one} and {other}"
+    width, height = float(root.get("width")), float(root.get("height"))
+    for _, (left, top, right, low) in found:
+        assert 0 <= left and right <= width and 0 <= top and low <= height
+
+
+def nearest(root, x, y):
+    """Return the path of the signal whose wire ends nearest to a point [px]."""
     found = []
-    for row, pin in scene.pins:
-        if row.name:
-            left = (
-                pin.box.x + 6
-                if row.port.is_input
-                else pin.box.x + pin.box.width - 6 - breadth(row.name)
-            )
-            found.append((left, pin.y - 6, left + breadth(row.name), pin.y + 6))
-        if row.note:
-            right, low = pin.box.x - 4, pin.y + (-4 if row.key else 3)
-            found.append((right - breadth(row.note) * 9 / 11, low - 7, right, low))
-    return found
+    for group in root.iter(f"{SVG}g"):
+        if group.get("class") == "signal":
+            line = group.find(f"{SVG}path").get("d")
+            for path in line.split("M")[1:]:
+                u, v = map(float, path.split("L")[-1].split())
+                found.append((abs(u - x) + abs(v - y), group.get("data-path")))
+    return min(found)[1]
 
 
-def test_no_two_texts_overlap_and_those_of_blocks_are_inside():
-    scene = scene_of(mixed())
-    for (a, b, c, d), (e, f, g, h) in combinations(texts(scene), 2):
-        assert c <= e or g <= a or d <= f or h <= b
-    for row, pin in scene.pins:
-        assert breadth(row.name) + 12 <= pin.box.width
-        assert pin.dy >= HEAD_HEIGHT or pin.box.edge
-    assert min(a for a, *_ in texts(scene)) >= -12  # the margin
+@pytest.mark.parametrize("signs", ["+-", "-+", "+--", "++-+", "-+-+-"])
+def test_each_sign_is_at_the_wire_that_it_counts(signs):
+    """The nearest wire end of each sign comes from the block of that input; one input is feedback."""
+    diagram = Diagram("signs")
+    total, back = diagram.add(total=Sum(signs), back=Integrator())
+    total >> back >> total.ports[f"u{len(signs)}"]
+    for i in range(1, len(signs)):
+        diagram.add(f"in_{i}", Constant(float(i))) >> total.ports[f"u{i}"]
+    root = ET.fromstring(diagram.draw())
+    own = [each for each in texts(root) if each[0] in {"+", "−"}]
+    assert len(own) == len(signs)
+    wanted = {f"in_{i}.y": sign for i, sign in enumerate(signs[:-1], 1)}
+    wanted["back.y"] = signs[-1]
+    margin = 12.0
+    seen = {
+        nearest(root, (a + c) / 2 - margin, (b + d) / 2 - margin): text.replace(
+            "−", "-"
+        )
+        for text, (a, b, c, d) in own
+    }
+    assert seen == wanted
+
+
+def test_unused_ports_of_large_blocks_are_counted():
+    class Large(Block):
+        used = Output()
+        a, b, c, d = (Output() for _ in range(4))
+        other = Input(default=0.0)
+        wanted = Input()
+
+    diagram = Diagram("large")
+    large, gain = diagram.add(large=Large(), gain=Gain(1.0))
+    large.used >> gain >> large.wanted
+    shown = {text for text, _ in texts(ET.fromstring(diagram.draw()))}
+    assert shown >= {"used", "wanted", "5 more ports", "Large"}
+    assert not shown & {"a", "b", "other"}
 
 
 def test_picture_is_xml_with_every_name_and_tooltips():
     diagram = mixed()
     root = ET.fromstring(diagram.draw())
-    written = {element.text or element[0].tail for element in root.iter(f"{SVG}text")}
+    written = {text for text, _ in texts(root)}
     assert written >= {
         "plant",
-        "MatrixGain",
+        "K u",
         "gain_7",
         "u[0:2]",
         "[:2]",
@@ -175,7 +250,7 @@ def test_file_holds_the_picture(tmp_path):
 @pytest.mark.parametrize(
     ("name", "fault"),
     [
-        ("picture.png", "pictures are SVG; name the file .svg"),
+        ("picture.png", "pictures are SVG, pages HTML; name the file .svg or .html"),
         ("missing/picture.svg", "No such file"),
     ],
 )

@@ -1,0 +1,176 @@
+"""Symbols of blocks: numbers, polynomials and texts say what the block computes."""
+
+import re
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from trussflow.blocks import (
+    PID,
+    Block,
+    Constant,
+    DeadZone,
+    Diagram,
+    DiscreteTransferFunction,
+    Function,
+    Gain,
+    Input,
+    Integrator,
+    LimitedIntegrator,
+    MatrixGain,
+    Operation,
+    Output,
+    Parameter,
+    Quantizer,
+    Relay,
+    Saturation,
+    Sine,
+    StateSpace,
+    Step,
+    Sum,
+    Symbol,
+    Table,
+    TransferFunction,
+    TransportDelay,
+    UnitDelay,
+)
+from trussflow.blocks.framework.symbol import number, polynomial, value_text
+
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def value(text, **variables):
+    """Return the number of a text with superscripts, minus signs and products without a sign."""
+    text = text.replace("−", "-").replace("·", "*").replace("^(", "**(")
+    return eval(re.sub(r"(?<=[\d)]) (?=[a-z])", "*", text), {}, variables)
+
+
+@given(st.floats(-1e90, 1e90))
+def test_number_has_four_digits(exact):
+    assert value(number(exact)) == pytest.approx(exact, rel=5e-4, abs=1e-300)
+
+
+@given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=4), st.floats(-2.0, 2.0))
+def test_polynomial_is_that_of_its_coefficients(coefficients, s):
+    rounded = [float(f"{c:.4g}") for c in coefficients]
+    text = polynomial(coefficients, "s")
+    if not text.startswith("order"):
+        exact = np.polyval(rounded, s)
+        scale = np.polyval(np.abs(rounded), abs(s)) + 1e-300
+        assert abs(value(text, s=s) - exact) <= 1e-12 * scale
+
+
+def test_large_values_are_named_by_their_size():
+    assert value_text(np.eye(2)) == "[1 0; 0 1]"
+    assert value_text(np.arange(30.0)) == "30 values"
+    assert value_text(np.ones((4, 5)), "K") == "K"
+    assert value_text(np.full(30, 2.5)) == "2.5"
+    assert polynomial(np.arange(1.0, 40.0), "s") == "order 38 in s"
+    assert value_text(1e300) == "∞"
+
+
+def drawn(*blocks):
+    """Return the texts of a picture of `blocks`, superscripts in brackets."""
+    diagram = Diagram("blocks")
+    for i, block in enumerate(blocks):
+        diagram.add(f"block_{i}", block)
+    found = []
+    for text in ET.fromstring(diagram.draw()).iter(f"{SVG}text"):
+        for title in text.findall(f"{SVG}title"):
+            title.text = ""
+        found.append("".join(text.itertext()))
+    return found
+
+
+class Spring(Block):
+    """A block with a symbol of its own."""
+
+    x = Input()
+    force = Output()
+    stiffness = Parameter(4.0, unit="N/m")
+    symbol = Symbol("{stiffness} x^(<1>)", caption="soft & <linear>")
+
+
+@pytest.mark.parametrize(
+    ("block", "texts"),
+    [
+        (Gain(-2.5e-6), ["−2.5·10−6"]),
+        (Gain(8.0, input_unit="m", output_unit="m/s"), ["8 /s"]),
+        (Constant([1.0, -2.0], unit="m/s**2"), ["[1 −2] m/s²"]),
+        (MatrixGain([[1.0, 2.0]]), ["[1 2] u"]),
+        (Integrator(3.0), ["1", "s", "from 3"]),
+        (TransferFunction([2.0], [1.0, 0.5, 4.0]), ["2", "s2 + 0.5 s + 4"]),
+        (DiscreteTransferFunction([0.1], [1.0, -0.9], sample_time=0.1), ["z − 0.9"]),
+        (
+            StateSpace([[0.0, 1.0], [-4.0, -0.2]], [0.0, 1.0], [1.0, 0.0]),
+            ["ẋ = [0 1; −4 −0.2] x + [0 1] u", "y = [1 0] x + 0 u"],
+        ),
+        (
+            StateSpace(np.diag(np.arange(1.0, 10.0)), np.ones(9), np.ones(9)),
+            ["ẋ = A x + [1 1 1 1 1 1 1 1 1] u"],
+        ),
+        (UnitDelay(0.1), ["z−1"]),
+        (TransportDelay(0.25), ["e−0.25 s"]),
+        (Saturation(-1.0, 2.0), ["−1 to 2"]),
+        (DeadZone(-1.0, 2.0), ["−1 to 2"]),
+        (Quantizer(0.5, 0.1), ["steps of 0.5"]),
+        (Relay(2.0, 1.0, on=5.0), ["0 or 5; at 1, 2"]),
+        (LimitedIntegrator(0.0, lower=0.0, upper=1.0), ["from 0, 0 to 1"]),
+        (Step(0.5, final_value=3.0, unit="N"), ["0 to 3 N at 0.5 s"]),
+        (Sine(2.0, 0.5), ["0.5 Hz, 2"]),
+        (PID(3.0, 2.0, 0.5), ["3 + 2/s + 0.5 s"]),
+        (Function(np.tanh), ["tanh(u)"]),
+        (Operation(np.subtract, 3.0, Input()), ["3 − u"]),
+        (Operation(np.divide, Input(), Input()), ["u1 / u2", "u1", "u2"]),
+        (Operation(np.square, Input()), ["u2"]),
+        (Operation(np.greater, Input(), 0.5), ["u > 0.5"]),
+        (Operation(np.multiply, 2.5, Input()), ["2.5"]),
+        (Operation(np.multiply), ["×"]),
+        (Operation(np.arctan2), ["arctan2(u1, u2)"]),
+        (Sum("+-"), ["+", "−"]),
+        (Spring(), ["4 x<1>", "soft & <linear>"]),
+    ],
+)
+def test_symbol_shows_the_equation(block, texts):
+    assert set(drawn(block)) >= {*texts, "block_0"}
+
+
+def test_curve_of_a_table_and_no_caption_without_limits():
+    picture = Diagram("curve")
+    picture.add(table=Table([0.0, 1.0], [0.0, 1.0]))
+    assert picture.draw().count('class="curve"') == 1
+    assert not any("∞" in text for text in drawn(PID(1.0)))
+    assert not any("from" in text for text in drawn(Integrator()))
+
+
+def test_names_of_port_arithmetic_are_in_tooltips_only():
+    diagram = Diagram("arithmetic")
+    a, b, end = diagram.add(a=Constant(1.0), b=Constant(2.0), sum_of=Gain(1.0))
+    (2.0 * (a.y - b.y)) >> end.u
+    text = diagram.draw()
+    assert ">sum_1<" not in text and ">multiply_1<" not in text
+    assert "sum_1: Sum" in text and "multiply_1: Operation" in text
+    assert ">sum_of<" in text
+
+
+def test_tooltip_has_all_digits():
+    diagram = Diagram("digits")
+    diagram.add(gain=Gain(1.23456789), plant=TransferFunction([1.0], [1.23456789, 1.0]))
+    titles = [each.text for each in ET.fromstring(diagram.draw()).iter(f"{SVG}title")]
+    assert "gain = 1.23456789" in "\n".join(titles)
+    assert "denominator = [1.23456789, 1.0]" in "\n".join(titles)
+
+
+def test_function_with_a_hostile_name_does_no_harm():
+    def squared(u):
+        return u * u
+
+    squared.__name__ = "{0.__class__}</text><script>"
+    diagram = Diagram("hostile")
+    diagram.add(f=Function(squared))
+    root = ET.fromstring(diagram.draw())
+    assert not list(root.iter(f"{SVG}script"))
+    assert any("</text>" in (e.text or "") for e in root.iter(f"{SVG}text"))
