@@ -80,9 +80,9 @@ function place(block, moved) {
   }
   if (!block.inner) return;
   element.classList.toggle("open", open);
+  set(block.inner.element, { transform: `translate(${MARGIN},${HEAD})` });
   block.leads.replaceChildren();
   if (!open) return;
-  set(block.inner.element, { transform: `translate(${MARGIN},${HEAD})` });
   for (const [port] of block.inner.texts) {
     const outside = block.texts.find(([text]) => text.dataset.port && text.dataset.port === port.dataset.port);
     if (!outside) continue;

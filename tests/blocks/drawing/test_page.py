@@ -1,0 +1,291 @@
+"""Pages of diagrams: what they contain, and their groups, search, camera and charts in a browser."""
+
+import json
+import os
+import re
+import shutil
+import sys
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Constant,
+    Diagram,
+    Gain,
+    Integrator,
+    Sine,
+    Sum,
+    TransferFunction,
+    simulate,
+)
+from trussflow.blocks.errors import DiagramError
+
+HOSTILE = '</script><script>alert("1")</script><b title="'
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+
+
+def servo(depth):
+    """Return a loop around a gain, or around a group of such loops."""
+    diagram = Diagram("servo")
+    error, lag, law = diagram.add(
+        error=Sum("+-"),
+        lag=TransferFunction([1.0], [0.1, 1.0]),
+        law=servo(depth - 1) if depth else Gain(2.0),
+    )
+    error.y >> (law.command if depth else law.u)
+    (law.position if depth else law.y) >> lag.u
+    lag >> error.u2
+    if depth:
+        beside = diagram.add(beside=servo(depth - 1), end=Integrator())
+        error.y >> beside[0].command
+        beside[0].position >> beside[1].u
+    diagram.expose(command=error.u1, position=lag.y)
+    return diagram
+
+
+def machine(name="machine"):
+    """Return a diagram with three levels of groups."""
+    diagram = Diagram(name)
+    goal, arm, still = diagram.add(
+        goal=Sine(2.0, 0.5), arm=servo(2), still=Constant(1.0)
+    )
+    goal >> arm.command
+    (arm.position + still.y) >> diagram.add(total=Integrator()).u
+    return diagram
+
+
+@pytest.fixture(scope="module")
+def result():
+    diagram = machine()
+    log = [port for block in diagram.within() for port in block.outputs()]
+    return simulate(diagram, 4.0, step=1e-3, log=log)
+
+
+def data_of(page):
+    return json.loads(re.search(r'id="data">(.*?)</script>', page, re.DOTALL)[1])
+
+
+def test_chart_has_the_values_of_the_result(tmp_path, result):
+    machine().draw(tmp_path / "page.html", result=result)
+    data = data_of((tmp_path / "page.html").read_text(encoding="utf-8"))
+    assert set(data["signals"]) == set(result)
+    time = np.array(data["time"])
+    assert time[0] == 0.0 and time[-1] == 4.0
+    for name, signal in data["signals"].items():
+        own = np.interp(time, result["time"], result[name])
+        np.testing.assert_allclose(
+            signal["lines"][0]["values"], own, rtol=1e-5, atol=1e-9
+        )
+
+
+def test_values_that_are_not_finite_are_gaps(tmp_path):
+    diagram = Diagram("vector")
+    source, end = diagram.add(
+        source=Constant([1.0, 2.0], unit="m"), end=Integrator(shape=2)
+    )
+    source >> end.u
+    found = simulate(diagram, 1.0, step=0.5, log=[source.y])
+    found["source.y"].values[1, 0] = np.nan
+    diagram.draw(tmp_path / "page.html", result=found)
+    signal = data_of((tmp_path / "page.html").read_text())["signals"]["source.y"]
+    assert signal["name"] == "source.y [m]"
+    assert [line["values"] for line in signal["lines"]] == [
+        [1.0, None, 1.0],
+        [2.0, 2.0, 2.0],
+    ]
+
+
+def test_page_is_one_file_without_network_and_escapes_names(tmp_path):
+    machine(HOSTILE).draw(tmp_path / "page.html")
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "alert" in text and HOSTILE not in text
+    assert text.count("<script") == 2  # the data and the program
+    assert not re.search(r"""(src|href)\s*=\s*["'](?!data:)""", text)
+    assert "default-src 'none'" in text
+
+
+def test_result_of_another_diagram_is_refused(tmp_path, result):
+    other = Diagram("other")
+    other.add(one=Constant(1.0)) >> other.add(two=Integrator()).u
+    with pytest.raises(
+        DiagramError, match="no signal of diagram 'other'; give the result"
+    ):
+        other.draw(tmp_path / "page.html", result=result)
+    for path in (None, tmp_path / "picture.svg"):
+        with pytest.raises(
+            DiagramError, match=r"only a page shows a result; name a file \.html"
+        ):
+            other.draw(path, result=result)
+    assert not list(tmp_path.iterdir())
+
+
+# -- in a browser -----------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def browser():
+    program = os.environ.get("BROWSER_PATH") or next(
+        filter(None, map(shutil.which, BROWSERS)), None
+    )
+    if program is None:
+        pytest.skip(
+            "no Chromium or Chrome is found: apt-get install chromium, or set BROWSER_PATH"
+        )
+    driver = pytest.importorskip(
+        "playwright.sync_api", reason="needs playwright: the extra 'browser'"
+    )
+    root = sys.platform == "linux" and os.geteuid() == 0
+    with driver.sync_playwright() as playwright:
+        found = playwright.chromium.launch(
+            executable_path=program, args=["--no-sandbox"] * root
+        )
+        yield found
+        found.close()
+
+
+@pytest.fixture
+def page(browser, result, tmp_path):
+    """Return the page of a machine with a hostile name; it must not complain or request anything."""
+    machine(HOSTILE).draw(tmp_path / "page.html", result=result)
+    window = browser.new_page(viewport={"width": 1200, "height": 800})
+    complaints, requests = [], []
+    window.on("pageerror", lambda error: complaints.append(str(error)))
+    window.on("dialog", lambda dialog: complaints.append("alert"))
+    window.on("console", lambda message: complaints.append(message.text))
+    window.on("request", lambda request: requests.append(request.url))
+    window.goto((tmp_path / "page.html").as_uri())
+    window.wait_for_selector("body[data-state=ready]")
+    yield window
+    assert complaints == []
+    assert [url for url in requests if not url.startswith("data:")] == [window.url]
+    window.close()
+
+
+def boxes(page):
+    """Return the outlines of all blocks that are shown, by path."""
+    return page.evaluate(
+        """() => Object.fromEntries([...document.querySelectorAll(".block")].map((block) => {
+            const box = block.querySelector(":scope > .box").getBoundingClientRect();
+            return [block.dataset.path, [box.left, box.top, box.right, box.bottom]];
+        }).filter(([, box]) => box[2] > box[0]))"""
+    )
+
+
+def loose_ends(page):
+    """Return the largest distance of a wire end from the blocks and ports of its view [px on the screen]."""
+    return page.evaluate(
+        """() => Math.max(...[...document.querySelectorAll(".view")].flatMap((view) => {
+            const own = [...view.children].filter((one) => one.matches(".block, text"));
+            const places = own.map((one) => (one.querySelector(":scope > .box") ?? one).getBoundingClientRect());
+            return [...view.children].filter((one) => one.matches(".signal")).flatMap((signal) => {
+                const line = signal.querySelector(".wire");
+                if (!line.getBoundingClientRect().width) return [0];
+                return line.getAttribute("d").split("M").slice(1).flatMap((path) => {
+                    const points = path.split("L"), matrix = line.getScreenCTM();
+                    return [points[0], points[points.length - 1]].map((point) => {
+                        const at = new DOMPoint(...point.split(" ").map(Number)).matrixTransform(matrix);
+                        return Math.min(...places.map((box) => Math.hypot(
+                            Math.max(box.left - at.x, 0, at.x - box.right),
+                            Math.max(box.top - at.y, 0, at.y - box.bottom))));
+                    });
+                });
+            });
+        }))"""
+    )
+
+
+def check_places(page):
+    """Check that no two blocks overlap unless one is in the other, and that wires end at blocks."""
+    found = boxes(page)
+    for (one, a), (other, b) in combinations(found.items(), 2):
+        if other.startswith(f"{one}."):
+            assert a[0] < b[0] and a[1] < b[1] and b[2] < a[2] and b[3] < a[3], other
+        else:
+            apart = a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
+            assert apart, f"{one} and {other}"
+    scale = page.evaluate("eye.scale")
+    assert loose_ends(page) <= 12 * scale
+    return found
+
+
+def picture(page):
+    return page.evaluate(
+        "document.querySelector('.view').outerHTML.replaceAll('<g></g>', '')"
+    )
+
+
+def test_groups_open_and_close_in_any_order(page):
+    first = check_places(page)
+    assert set(first) == {*machine().blocks}
+    closed = picture(page)
+    page.click("#open")
+    assert len(check_places(page)) == sum(1 for _ in machine().within())
+    page.click("#close")
+    assert picture(page) == closed
+    for path in ("arm", "arm.beside", "arm.law", "arm.law.law", "arm.beside.beside"):
+        # a click at the name
+        page.evaluate("fit()")
+        name = page.locator(f'[data-path="{path}"] > .name')
+        name.click()
+        assert any(each.startswith(f"{path}.") for each in check_places(page))
+    page.locator('[data-path="arm"] > .name').click()
+    check_places(page)
+    assert set(boxes(page)) == set(first)
+
+
+def test_wheel_zooms_about_the_pointer_and_dragging_moves(page):
+    def under(x, y):
+        return page.evaluate(
+            f"""() => {{ const at = new DOMPoint({x}, {y}).matrixTransform(
+                document.querySelector(".view").getScreenCTM().inverse()); return [at.x, at.y]; }}"""
+        )
+
+    before, scale = under(400, 300), page.evaluate("eye.scale")
+    page.mouse.move(400, 300)
+    page.mouse.wheel(0, -300)
+    page.wait_for_function(f"eye.scale > {scale}")
+    assert under(400, 300) == pytest.approx(before, abs=1e-3)
+    page.mouse.down()
+    page.mouse.move(460, 250)
+    page.mouse.up()
+    assert under(460, 250) == pytest.approx(before, abs=1e-3)
+    page.click("#fit")
+    assert page.evaluate("eye.scale") == pytest.approx(scale)
+
+
+def test_search_opens_the_groups_around_a_block(page):
+    page.fill("#search", "LAW.lag")
+    assert page.inner_text("#hits") == f"{page.evaluate('found.length')} found"
+    assert page.evaluate("found.length") == 3
+    for _ in range(4):
+        page.press("#search", "Enter")
+    assert page.inner_text("#hits").startswith("1 of 3: arm.")
+    path = page.inner_text("#hits").partition(": ")[2]
+    left, top, right, low = boxes(page)[path]
+    frame = page.evaluate(
+        "(({x, y, width, height}) => [x + width / 2, y + height / 2])(picture.getBoundingClientRect())"
+    )
+    assert ((left + right) / 2, (top + low) / 2) == pytest.approx(
+        tuple(frame), abs=12.0
+    )
+    page.fill("#search", "nothing of this name")
+    assert page.inner_text("#hits") == "0 found"
+
+
+def test_click_on_a_wire_shows_its_chart(page):
+    assert not page.is_visible("#chart")
+    page.evaluate(
+        """() => document.querySelector('.signal[data-path="goal.y"] .near')
+            .dispatchEvent(new MouseEvent("click", { bubbles: true }))"""
+    )
+    assert page.is_visible("#chart")
+    drawn = page.evaluate(
+        """() => { const at = document.querySelector("canvas");
+            return at.getContext("2d").getImageData(0, 0, at.width, at.height).data.filter((v) => v).length }"""
+    )
+    assert drawn > 1000
+    assert page.evaluate("ticks(-2, 2)") == [-2, -1, 0, 1, 2]
+    page.click("#chart button")
+    assert not page.is_visible("#chart")
