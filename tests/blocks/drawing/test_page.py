@@ -211,8 +211,13 @@ def check_places(page):
 
 
 def picture(page):
+    """Return the elements of the outermost diagram."""
     return page.evaluate(
-        "document.querySelector('.view').outerHTML.replaceAll('<g></g>', '')"
+        """() => {
+            const copy = document.querySelector(".view").cloneNode(true);
+            copy.querySelectorAll(".view").forEach((inner) => inner.remove());
+            return copy.outerHTML;
+        }"""
     )
 
 
