@@ -106,7 +106,15 @@ class Box:
     floor: float = math.inf
 
     def pin(self, side: int, dy: float, note: float = 0.0, inset: float = 0.0) -> Pin:
-        """Add a pin on the left `side` (0) or the right (1), `dy` below the upper edge; see `Pin`."""
+        """Add a pin on the left `side` (0) or the right (1); return it.
+
+        Parameters
+        ----------
+        side : int
+            Side of the box [-].
+        dy, note, inset : float
+            Place, width of its text, and distance of the outline, as for `Pin` [px].
+        """
         self.sides[side].append(Pin(self, side, dy, note, inset))
         return self.sides[side][-1]
 

@@ -210,7 +210,7 @@ def shown_rows(
 
 
 def labels(block: Block, symbol: Symbol | None, hidden: int) -> tuple[str, list[str]]:
-    """Return name and captions of a `block`, of which a number of ports is `hidden`."""
+    """Return name and captions of a `block` with this `symbol`; a number of its ports is `hidden` [-]."""
     if symbol is None:
         kind = type(block).__name__
         if isinstance(block, Diagram):
@@ -229,7 +229,10 @@ def labels(block: Block, symbol: Symbol | None, hidden: int) -> tuple[str, list[
 
 
 def size_of(symbol: Symbol, sides: list[list[Row]]) -> tuple[float, float, float]:
-    """Return width and height of the outline of a `symbol` with these rows, and the middle of its content [px]."""
+    """Return width and height of the outline of a `symbol`, and the middle of its content [px].
+
+    Its inputs and outputs have the rows `sides`.
+    """
     lines = symbol.text.split("\n")
     width = max(20.0, *map(breadth, lines)) + 2 * SYMBOL_MARGIN
     height = sum(BAR_HEIGHT if line == "-" else LINE_HEIGHT for line in lines)
@@ -247,7 +250,7 @@ def size_of(symbol: Symbol, sides: list[list[Row]]) -> tuple[float, float, float
 
 
 def figure_of(block: Block, symbol: Symbol | None, sides: list[list[Row]]) -> Figure:
-    """Return the figure of a `block` with these rows, without pins."""
+    """Return the figure of a `block` with this `symbol` and these rows on both `sides`, without pins."""
     hidden = len(block.ports) - len({row.port.name for side in sides for row in side})
     name, captions = labels(block, symbol, hidden)
     # `breadth` is for 11 px; names have 12 px, captions 9 px.

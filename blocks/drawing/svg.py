@@ -93,7 +93,17 @@ def clocks_of(block: Block) -> set[Clock]:
 
 
 def view(scene: Scene, colour: Callable[[Block], str], nested: bool) -> Iterator[str]:
-    """Yield the SVG elements of a `scene`; `colour` returns the class of a block. See `svg_of`."""
+    """Yield the SVG elements of a `scene`.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    colour : callable
+        Returns the class of a block in the style sheet.
+    nested : bool
+        Whether nested diagrams contain their own elements.
+    """
     yield f'<g class="view" data-size="{scene.width:g} {scene.height:g}">'
     for net, source in scene.wires:
         line = "".join(
@@ -203,7 +213,7 @@ def inscribed(figure: Figure) -> Iterator[str]:
 
 
 def symbol_of(symbol: Symbol, x: float, y: float) -> Iterator[str]:
-    """Yield the content of a `symbol` around a point [px]."""
+    """Yield the content of a `symbol` around the point (`x`, `y`) [px]."""
     if symbol.curve:
         width, height = CURVE_SIZE
         left, top = x - width / 2, y - height / 2

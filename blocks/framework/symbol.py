@@ -114,7 +114,7 @@ def value_text(value: Any, large: str = "") -> str:
 
 
 def number(value: float) -> str:
-    """Return a number with four digits as text."""
+    """Return a number [any] with four digits as text."""
     if abs(value) >= NO_LIMIT:
         return "−∞" if value < 0 else "∞"
     digits, _, power = f"{value:.4g}".partition("e")
@@ -123,7 +123,7 @@ def number(value: float) -> str:
 
 
 def polynomial(coefficients: Sequence[float], variable: str) -> str:
-    """Return a polynomial as text, from `coefficients` of falling powers of a `variable`."""
+    """Return a polynomial as text, from `coefficients` [any] of falling powers of a `variable`."""
     text, order = "", len(coefficients) - 1
     for power, value in zip(range(order, -1, -1), coefficients, strict=True):
         factor = {0: "", 1: variable}.get(power, f"{variable}^({power})")

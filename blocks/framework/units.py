@@ -69,7 +69,7 @@ def _registry() -> pint.UnitRegistry[float]:
 
 
 def quotient(numerator: str, denominator: str) -> str:
-    """Return the unit of a quotient as text; it is empty if the units are equal."""
+    """Return the unit of a `numerator` by that of a `denominator` as text; it is empty if they are equal."""
     if numerator == denominator:
         return ""
     return f"{parse(numerator) / parse(denominator):~P}".removeprefix("1")

@@ -189,7 +189,7 @@ def loop_of_two_sums():
 
 @pytest.mark.parametrize("first", [0, 1])
 def test_negative_input_of_a_sum_is_its_feedback(first):
-    """Of a loop with an input at both sums, the sum of the subtracted signal comes first."""
+    """If both sums of a loop have an input, the sum of the subtracted signal comes first."""
     boxes, nets = loop_of_two_sums()
     sums = boxes[:2]
     back = next(
