@@ -9,14 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from trussflow.blocks.drawing.graph import (
-    JUNCTION_LEAD,
-    JUNCTION_SIZE,
-    Box,
-    Net,
-    Pin,
-    Point,
-)
+from trussflow.blocks.drawing.graph import JUNCTION_SIZE, Box, Net, Pin, Point
 from trussflow.blocks.drawing.scene import (
     BAR_HEIGHT,
     CAPTION_HEIGHT,

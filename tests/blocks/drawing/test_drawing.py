@@ -104,7 +104,10 @@ def test_no_two_texts_overlap_and_all_are_in_the_picture():
         assert c <= e or g <= a or d <= f or h <= b, f"{one} and {other}"
     width, height = float(root.get("width")), float(root.get("height"))
     for _, (left, top, right, low) in found:
-        assert 0 <= left and right <= width and 0 <= top and low <= height
+        assert left >= 0
+        assert right <= width
+        assert top >= 0
+        assert low <= height
 
 
 def nearest(root, x, y):
