@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 MAX_VALUE_LENGTH, MAX_POLYNOMIAL_LENGTH = 22, 40
 """Largest number of letters of an array and of a polynomial."""
 
+WHOLE_NUMBERS = 1e4, 1e6
+"""Range of numbers that are drawn without fraction and power of ten [any]."""
+
 NO_LIMIT = 1e100
 """Magnitude from which numbers are drawn as infinite [any]."""
 
@@ -103,8 +106,9 @@ def value_text(value: Any, large: str = "") -> str:
         return ""
     array = np.asarray(value, dtype=float)
     first = array.ravel()[:1]
-    # A vector of equal elements may be a number, but not among matrices.
-    if (array == first).all() and (array.ndim < 2 - bool(large) or not first.any()):
+    # A vector of equal elements may be drawn as a number, but not among matrices.
+    plain = array.size < 2 or array.ndim < 2 - bool(large) or not first.any()
+    if plain and (array == first).all():
         return number(float(first[0])) if array.size else ""
     rows = (" ".join(map(number, row)) for row in np.atleast_2d(array).tolist())
     text = f"[{'; '.join(rows)}]" if array.ndim < 3 else ""
@@ -117,7 +121,8 @@ def number(value: float) -> str:
     """Return a number [any] with four digits as text."""
     if abs(value) >= NO_LIMIT:
         return "−∞" if value < 0 else "∞"
-    digits, _, power = f"{value:.4g}".partition("e")
+    form = ".0f" if WHOLE_NUMBERS[0] <= abs(value) < WHOLE_NUMBERS[1] else ".4g"
+    digits, _, power = f"{value:{form}}".partition("e")
     text = f"{digits}·10^({int(power)})" if power else digits
     return text.replace("-", "−")
 

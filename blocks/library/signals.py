@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import ast
+import contextlib
 import inspect
+import textwrap
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -22,8 +25,8 @@ from trussflow.blocks.support.validation import as_shape, by_name, shown
 ShapeLike = int | tuple[int, ...] | None
 """A size, a shape, or None for a shape inferred from the wires."""
 
-MAX_CALL_LENGTH = 24
-"""Largest number of letters of a call in a symbol."""
+MAX_FORMULA_LENGTH = 36
+"""Largest number of letters of an expression or a call in a symbol."""
 
 
 class Shaped(Block):
@@ -185,10 +188,23 @@ class WrappedFunction(Block):
 
     @property
     def formula(self) -> str:
-        """Call of the function with its inputs as text."""
+        """Expression that a short function returns as text, otherwise the call of the function."""
         name = getattr(self._function, "__name__", "f").replace("<lambda>", "f")
-        call = f"{name}({', '.join(port.name for port in self.inputs())})"
-        return call if len(call) <= MAX_CALL_LENGTH else f"{name}(…)"
+        texts = [
+            f"{name}({', '.join(port.name for port in self.inputs())})",
+            f"{name}(…)",
+        ]
+        with contextlib.suppress(OSError, TypeError, SyntaxError):
+            tree = ast.parse(textwrap.dedent(inspect.getsource(self._function)))
+            match tree.body:
+                case [ast.FunctionDef(body=[*doc, ast.Return(ast.expr() as value)])]:
+                    if all(isinstance(line, ast.Expr) for line in doc):
+                        texts.insert(0, ast.unparse(value).replace("np.", ""))
+        return next(
+            text
+            for text in texts
+            if len(text) <= MAX_FORMULA_LENGTH or text == texts[-1]
+        )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the results of the function by output."""

@@ -203,7 +203,8 @@ def check_places(page):
     found = boxes(page)
     for (one, a), (other, b) in combinations(found.items(), 2):
         if other.startswith(f"{one}."):
-            assert a[0] < b[0] and a[1] < b[1] and b[2] < a[2] and b[3] < a[3], other
+            inside = a[0] < b[0] and a[1] < b[1] and b[2] < a[2] and b[3] < a[3]
+            assert inside, other
         else:
             apart = a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
             assert apart, f"{one} and {other}"

@@ -94,6 +94,16 @@ class Spring(Block):
     symbol = Symbol("{stiffness} x^(<1>)", caption="soft & <linear>")
 
 
+def cubic(u):
+    """Return a polynomial."""
+    return np.exp(-u) + u**3
+
+
+def long_law(u):
+    """Return a sum that is too long for a picture."""
+    return u + u * u + u * u * u + u * u * u * u + 5.0
+
+
 @pytest.mark.parametrize(
     ("block", "texts"),
     [
@@ -123,6 +133,9 @@ class Spring(Block):
         (Sine(2.0, 0.5), ["0.5 Hz, 2"]),
         (PID(3.0, 2.0, 0.5), ["3 + 2/s + 0.5 s"]),
         (Function(np.tanh), ["tanh(u)"]),
+        (Function(cubic), ["exp(-u) + u ^ 3"]),
+        (Function(long_law), ["long_law(u)"]),
+        (Function(lambda u: u + 1.0), ["f(u)"]),
         (Operation(np.subtract, 3.0, Input()), ["3 − u"]),
         (Operation(np.divide, Input(), Input()), ["u1 / u2", "u1", "u2"]),
         (Operation(np.square, Input()), ["u2"]),
