@@ -28,7 +28,7 @@ from trussflow.blocks.cosimulation.cosimulator import CoSimulator as CoSimulator
 from trussflow.blocks.cosimulation.cosimulator import cosimulate as cosimulate
 
 # sets the drawing functions of Diagram
-from trussflow.blocks.drawing import page as _page  # noqa: F401
+from trussflow.blocks.drawing import page as _drawing_page  # noqa: F401
 from trussflow.blocks.framework.arithmetic import Operation as Operation
 from trussflow.blocks.framework.block import Block as Block
 from trussflow.blocks.framework.declarations import Attribute as Attribute
@@ -119,7 +119,7 @@ from trussflow.blocks.linear_analysis.trim import Free as Free
 from trussflow.blocks.linear_analysis.trim import trim as trim
 
 # sets the function of Diagram that writes live pages
-from trussflow.blocks.live import page as _page  # noqa: F401
+from trussflow.blocks.live import page as _live  # noqa: F401
 from trussflow.blocks.results.dataset import load as load
 from trussflow.blocks.results.dataset import plot as plot
 from trussflow.blocks.results.dataset import save as save

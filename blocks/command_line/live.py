@@ -1,4 +1,4 @@
-"""``trussflow live``: a page that simulates a diagram in the reader's browser."""
+"""``trussflow live``: a page that simulates a diagram, as a file or served to the browser."""
 
 from __future__ import annotations
 
@@ -15,17 +15,20 @@ def parser(prog: str) -> argparse.ArgumentParser:
     """Return the argument parser of the command `prog`."""
     found = parser_of(
         prog,
-        "Write a diagram as one HTML file that simulates it: sliders, charts, step metrics, margins of a loop.",
+        "Simulate a diagram in the browser, with sliders and charts: as one HTML file, or served until Ctrl-C.",
         "loop.py:loop --save loop.html                            # sliders and signals by default",
         "loop.py:loop --parameters law.kp law.kd --signals pendulum.angle",
-        "loop.py:loop --at pendulum.torque --duration 5           # with poles, Bode plot and margins",
+        "loop.py:loop --save loop.html --at pendulum.torque       # with poles, Bode plot and margins",
+        "loop.py:loop --pace 1                                    # sliders act on a run in real time",
     )
     found.add_argument(
         "item",
         help="module:name or file.py:name of a diagram, or of a function returning one",
     )
     found.add_argument(
-        "--save", type=Path, default=Path("live.html"), help="page to write"
+        "--save",
+        type=Path,
+        help="page to write; without it, the page is served and may have Python blocks and FMUs",
     )
     found.add_argument(
         "--parameters",
@@ -46,11 +49,14 @@ def parser(prog: str) -> argparse.ArgumentParser:
     found.add_argument(
         "--step", type=float, help="step [s]; default: from the fastest mode"
     )
+    found.add_argument(
+        "--pace", type=float, help="simulated seconds in a second, of a served page"
+    )
     return found
 
 
 def live(options: argparse.Namespace) -> Outcome:
-    """Write the page of the `options`."""
+    """Write or serve the page of the `options`."""
     diagram = block_of(options.item)
     if not isinstance(diagram, Diagram):
         raise DiagramError(
@@ -58,8 +64,11 @@ def live(options: argparse.Namespace) -> Outcome:
         )
     settings = {
         name: getattr(options, name)
-        for name in ("parameters", "signals", "at", "duration", "step")
+        for name in ("parameters", "signals", "at", "duration", "step", "pace")
     }
+    if options.save is None:
+        diagram.live(**settings)
+        return Outcome({"page": None}, "")
     with status_line("writing the page"):
         page = diagram.live(options.save, **settings)
     return Outcome({"page": page}, f"open {page} in a browser")

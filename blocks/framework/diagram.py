@@ -387,7 +387,7 @@ class Diagram(Netlist):
 
     def live(
         self,
-        path: str | Path,
+        path: str | Path | None = None,
         *,
         parameters: Mapping[str, tuple[float, float] | None]
         | Sequence[str]
@@ -399,16 +399,19 @@ class Diagram(Netlist):
         solver: str = "rk4",
         log_step: float | None = None,
         panels: Sequence[Any] = (),
-    ) -> Path:
-        """Write a page that simulates the diagram in the reader's browser: one HTML file, without a network.
+        pace: float | None = None,
+    ) -> Path | None:
+        """Write a page that simulates the diagram in the reader's browser, one HTML file without network; or serve it.
 
         The page has a slider for each chosen parameter, and charts of the chosen signals, which follow the
         sliders. The compiled equations and the step algorithm are those of `simulate`.
 
         Parameters
         ----------
-        path : str or pathlib.Path
-            File to write; an existing file is replaced.
+        path : str or pathlib.Path, optional
+            File to write; an existing file is replaced. Without it, this process serves the page at an address
+            with a secret token, only to this computer, until Ctrl-C. It then computes the runs, so that the
+            diagram may have Python blocks and FMUs.
         parameters : mapping or sequence of str, optional
             Parameters with a slider, such as ``"pid.kp"`` or ``"law.gain[0]"``, and optionally the ends of the
             slider [units as declared]; by default up to 12 numbers of the blocks in this diagram, gains first.
@@ -428,16 +431,19 @@ class Diagram(Netlist):
             Time between logged instants [s]; by default a run has at most 4000.
         panels : sequence of Panel
             Further views that follow the cursor, see `trussflow.blocks.live.page.Panel`.
+        pace : float, optional
+            Simulated seconds in a second of wall time, of a served page [-]. A slider then acts on the run that
+            goes on. By default runs are as fast as possible, and a slider starts a new run.
 
         Returns
         -------
-        pathlib.Path
-            Path of the page.
+        pathlib.Path or None
+            Path of the page, if it was written.
 
         Raises
         ------
         DiagramError
-            If a block computes in Python, or the file cannot be written.
+            If a page is to be written and a block computes in Python, or the file cannot be written.
         SimulationError
             If an argument is invalid.
         LinearAnalysisError
@@ -456,10 +462,11 @@ class Diagram(Netlist):
             solver=solver,
             log_step=log_step,
             panels=panels,
+            pace=pace,
         )
 
-    _live_page: ClassVar[Callable[..., Path]]
-    """Function that writes a live page, set by the package `live`, which imports this one."""
+    _live_page: ClassVar[Callable[..., Path | None]]
+    """Function that writes or serves a live page, set by the package `live`, which imports this one."""
 
     def _repr_svg_(self) -> str:
         return self.draw()

@@ -53,7 +53,7 @@ worker.onmessage = ({ data: message }) => {
 
 async function begin() {
   const packed = new Blob([bytesOf($("module").textContent)]).stream().pipeThrough(new DecompressionStream("deflate"));
-  worker.postMessage({ data, module: await new Response(packed).arrayBuffer() });
+  worker.postMessage({ data, address: location.href.split(/[?#]/)[0], module: await new Response(packed).arrayBuffer() });
   ask();
 }
 

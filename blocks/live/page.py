@@ -12,7 +12,7 @@ from html import escape
 from importlib.resources import files
 from pathlib import Path
 from string import Template
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,6 +40,7 @@ from trussflow.blocks.tracing.codegen import c_sources, content
 from trussflow.blocks.tracing.compiler import compile_web_module
 from trussflow.blocks.tracing.initialization import initialization
 from trussflow.blocks.tracing.plan import Plan
+from trussflow.blocks.tracing.program import Program
 from trussflow.blocks.tracing.quantities import derivative, outputs
 
 MAX_ROWS = 4000
@@ -68,8 +69,44 @@ class Panel:
 
 
 def live_page(
+    diagram: Diagram, path: str | Path | None, **settings: Any
+) -> Path | None:
+    """Write a page that simulates a diagram, or serve it if there is no path; see `Diagram.live`."""
+    if path is None:
+        # not needed for pages in files
+        from trussflow.blocks.live.server import serve
+
+        serve(diagram, **settings)
+        return None
+    cannot = f"cannot make a live page of '{diagram.name}'"
+    file = as_path(DiagramError, cannot, path)
+    if settings.get("pace") is not None:
+        raise SimulationError(
+            f"{cannot} with pace=: only a served page has a pace; leave out the path"
+        )
+    page = contents(diagram, **settings)
+    module = compile_web_module(
+        content(page.programs), partial(c_sources, page.programs), FUNCTIONS
+    )
+    try:
+        with replaced(file) as partial_file:
+            partial_file.write_text(html(page, module), encoding="utf-8")
+    except OSError as error:
+        raise DiagramError(f"{cannot} in '{path}': {error}") from error
+    return file
+
+
+class Contents(NamedTuple):
+    """Contents of a page: its `data` for JavaScript, the `prepared` diagram, its `programs`, and `panels`."""
+
+    data: dict[str, Any]
+    prepared: Prepared
+    programs: list[Program]
+    panels: Sequence[Panel]
+
+
+def contents(
     diagram: Diagram,
-    path: str | Path,
     *,
     parameters: Mapping[str, Ends | None] | Sequence[str] | None = None,
     signals: Chosen | None = None,
@@ -79,36 +116,30 @@ def live_page(
     solver: str = "rk4",
     log_step: float | None = None,
     panels: Sequence[Panel] = (),
-) -> Path:
-    """Write a page that simulates a diagram; see `Diagram.live`.
+    pace: float | None = None,
+    is_served: bool = False,
+) -> Contents:
+    """Return the contents of a page; a served one may have Python blocks.
 
     Parameters
     ----------
     diagram : Diagram
         The diagram.
-    path : str or pathlib.Path
-        File to write.
-    parameters, signals, at, duration, step, solver, log_step, panels
+    parameters, signals, at, duration, step, solver, log_step, panels, pace
         As for `Diagram.live` [duration, step, log_step: s].
-
-    Returns
-    -------
-    pathlib.Path
-        Path of the page.
+    is_served : bool
+        Whether this process computes the runs.
 
     Raises
     ------
     DiagramError
-        If a block computes in Python, or the file cannot be written.
+        If a block computes in Python.
     SimulationError
         If an argument is invalid.
     LinearAnalysisError
         If the loop cannot be analysed.
-    CompilationError
-        If there is no compiler for WebAssembly.
     """
     cannot = f"cannot make a live page of '{diagram.name}'"
-    file = as_path(DiagramError, cannot, path)
     positive(duration=duration)
     positive_if_given(step=step, log_step=log_step)
     if solver not in FIXED_STEP:
@@ -117,13 +148,13 @@ def live_page(
         )
     plan = Plan(diagram)
     plan.loops.refuse_idle_starts()
-    if plan.python_blocks:
+    if plan.python_blocks and not is_served:
         names = ", ".join(
             f"'{b.path}' ({type(b).__name__})" for b in plan.python_blocks
         )
         raise DiagramError(
-            f"{cannot}: {names} computes in Python, which a browser cannot run; replace it by traced blocks, "
-            "or simulate the diagram here"
+            f"{cannot}: {names} computes in Python, which a browser cannot run; leave out the path: "
+            "live() then serves a page whose runs are computed here"
         )
     p = plan.parameters(None)
     x, d = plan.initial(p, None)
@@ -138,20 +169,23 @@ def live_page(
         plan.system, {c.name: c.port for c in (*charted, *followed)}
     )
     loop = None if at is None else loop_of(diagram, at)
-    quantities = [derivative(), outputs([c.port for c in channels]), initialization()]
+    quantities = [derivative(), outputs([c.port for c in channels])]
+    if not is_served:
+        quantities.append(initialization())
     if loop is not None:
         quantities.append(outputs([loop.port], "wire"))
     prepared = Prepared(
         plan, quantities, Solver(step=float(tick), solver=solver), channels
     )
     programs = [*prepared.programs, *([loop.program] if loop else [])]
-    steps = prepared.ticks(length, "the duration")
+    steps = ticks(length, tick, "the duration")
     every = -(-steps // MAX_ROWS)
     if log_step is not None:
-        every = prepared.ticks(exact(log_step), "log_step")
+        every = ticks(exact(log_step), tick, "log_step")
     data = {
         "name": diagram.name,
         "steps": steps,
+        "pace": pace,
         "every": every,
         "solver": solver,
         "programs": [program.name for program in programs],
@@ -167,17 +201,7 @@ def live_page(
         ],
         "loop": loop and loop.data,
     }
-    module = compile_web_module(
-        content(programs), partial(c_sources, programs), FUNCTIONS
-    )
-    try:
-        with replaced(file) as partial_file:
-            partial_file.write_text(
-                _html(diagram.name, data, module, panels), encoding="utf-8"
-            )
-    except OSError as error:
-        raise DiagramError(f"{cannot} in '{path}': {error}") from error
-    return file
+    return Contents(data, prepared, programs, panels)
 
 
 def _simulation(prepared: Prepared, p: Vector, x: Vector, d: Vector) -> dict[str, Any]:
@@ -215,26 +239,25 @@ def _places(*layouts: Layout) -> list[tuple[str, int, int]]:
     ]
 
 
-def _html(
-    title: str, data: dict[str, Any], module: bytes, panels: Sequence[Panel]
-) -> str:
-    """Return the text of the page."""
+def html(page: Contents, module: bytes | None) -> str:
+    """Return the text of a page; without a module, a server computes the runs."""
     own = files("trussflow.blocks.live")
 
     def text(name: str) -> str:
         return own.joinpath(name).read_text(encoding="utf-8")
 
     return Template(text("page.html")).substitute(
-        title=escape(title),
+        title=escape(page.data["name"]),
+        connect="" if module else "connect-src 'self'",
         style=text("page.css"),
         # A script ends at "</script", also in a string.
         panels="".join(
             f"<script>{panel.script.replace('</', '<' + chr(92) + '/')}</script>\n"
-            for panel in panels
+            for panel in page.panels
         ),
-        data=json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"),
-        module=base64.b64encode(zlib.compress(module, 9)).decode(),
-        worker=text("linear.js") + text("worker.js"),
+        data=json.dumps(page.data, separators=(",", ":")).replace("<", "\\u003c"),
+        module=base64.b64encode(zlib.compress(module or b"", 9)).decode(),
+        worker=text("linear.js") + text("worker.js") if module else text("served.js"),
         script=text("chart.js") + text("page.js"),
     )
 

@@ -1,0 +1,189 @@
+"""Server of live pages: rows equal to a simulation, several pages at once, and requests that are refused."""
+
+import base64
+import http.client
+import json
+import threading
+import time
+from contextlib import closing, contextmanager
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from trussflow.blocks import (
+    Block,
+    Constant,
+    Diagram,
+    Gain,
+    Input,
+    Integrator,
+    Output,
+    Session,
+    simulate,
+)
+from trussflow.blocks.live.server import LiveServer
+
+CALLS = []
+
+
+class Counted(Block):
+    """A Python block that notes the times of its calls."""
+
+    traced = False
+    u = Input()
+    y = Output()
+
+    def output(self, t, x, u, p):
+        CALLS.append(float(t))
+        return {"y": 2.0 * np.asarray(u.u)}
+
+
+def loop(middle):
+    diagram = Diagram("loop")
+    goal, block, place = diagram.add(
+        goal=Constant(1.0), block=middle, place=Integrator()
+    )
+    (goal.y - place.y) >> block >> place
+    diagram.expose(y=place.y)
+    return diagram
+
+
+@contextmanager
+def served(diagram, **settings):
+    """Serve a diagram in a thread."""
+    session = Session(diagram, step=0.01)
+    with LiveServer(session, b"<p>page</p>", Fraction(1, 100), **settings) as server:
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+        thread.start()
+        try:
+            yield server
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+@contextmanager
+def ask(server, method, place, body=b"", host=None, token=None):
+    """Yield the answer to a request."""
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=60)
+    headers = {} if host is None else {"Host": host}
+    address = f"/{server.token if token is None else token}/{place}"
+    connection.request(method, address, body, headers)
+    with closing(connection), connection.getresponse() as answer:
+        yield answer
+
+
+def run(server, p, duration, name="run"):
+    """Return the rows and the message of a run."""
+    place = f"run?run={name}&duration={duration}"
+    sent = np.asarray(p, dtype="<f8").tobytes()
+    with ask(server, "POST", place, sent) as answer:
+        parts = [json.loads(line) for line in answer]
+    rows = b"".join(base64.b64decode(part["rows"]) for part in parts)
+    return np.frombuffer(rows).reshape(-1, 2), parts[-1].get("fault")
+
+
+@pytest.mark.parametrize("middle", [Gain(3.0), Counted().sampled(0.01)])
+def test_rows_are_those_of_a_simulation(middle):
+    diagram = loop(middle)
+    expected = simulate(diagram, 1.0, step=0.01, log={"y": diagram.ports["y"]})
+    with served(diagram) as server:
+        p = server.session.prepared.plan.parameters(None)
+        rows, fault = run(server, p, 1.0)
+    assert fault == ""
+    np.testing.assert_array_equal(rows[:, 0], expected["time"])
+    np.testing.assert_array_equal(rows[:, 1], expected["y"])
+
+
+def test_two_pages_have_runs_of_their_own():
+    with served(loop(Gain(3.0)), pace=2.0) as server:
+        plan = server.session.prepared.plan
+        values = [plan.parameters({"block.gain": gain}) for gain in (1.0, 5.0)]
+        found = [None, None]
+
+        def one(k):
+            found[k] = run(server, values[k], 0.5, f"page{k}")[0]
+
+        threads = [threading.Thread(target=one, args=(k,)) for k in (0, 1)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    for rows, gain in zip(found, (1.0, 5.0), strict=True):
+        np.testing.assert_allclose(
+            rows[:, 1], 1 - np.exp(-gain * rows[:, 0]), atol=1e-6
+        )
+
+
+def test_a_paced_run_takes_new_values_while_it_goes_on():
+    with served(loop(Gain(0.0)), pace=1.0) as server:
+        plan = server.session.prepared.plan
+        values = plan.parameters({"block.gain": 3.0}).tobytes()
+
+        def tune():
+            with ask(server, "POST", "tune?run=run", values) as answer:
+                assert answer.status == 200
+
+        threading.Timer(0.2, tune).start()
+        begin = time.perf_counter()
+        rows, _ = run(server, plan.parameters(None), 0.6)
+        assert time.perf_counter() - begin >= 0.6
+    still = np.flatnonzero(rows[:, 1] > 0.0)[0] - 1
+    time_since = rows[still:, 0] - rows[still, 0]
+    assert rows[still, 0] > 0.1
+    np.testing.assert_allclose(
+        rows[still:, 1], 1 - np.exp(-3.0 * time_since), atol=1e-6
+    )
+
+
+def test_a_closed_page_ends_its_run():
+    with served(loop(Counted().sampled(0.01)), pace=1.0) as server:
+        p = server.session.prepared.plan.parameters(None)
+        with ask(server, "POST", "run?run=a&duration=1000", p.tobytes()) as answer:
+            answer.readline()
+        before = -1
+        while CALLS[-1] != before:
+            before = CALLS[-1]
+            time.sleep(0.3)
+    assert before < 100.0
+
+
+@pytest.mark.parametrize(
+    ("change", "status"),
+    [
+        ({}, 200),
+        ({"token": "guess"}, 403),
+        ({"token": ""}, 403),
+        ({"host": "elsewhere.example"}, 403),
+        ({"host": "localhost"}, 403),
+        ({"place": "../../etc/passwd"}, 404),
+    ],
+)
+def test_only_the_address_with_the_token_is_answered(change, status):
+    with served(loop(Gain(3.0))) as server:
+        settings = {"place": "", **change}
+        with ask(server, "GET", settings.pop("place"), **settings) as answer:
+            assert answer.status == status
+            assert (answer.read() == b"<p>page</p>") == (status == 200)
+
+
+@pytest.mark.parametrize(
+    ("p", "duration", "message"),
+    [
+        ([1.0], 1.0, "parameters instead of"),
+        (None, -1.0, "choose a duration"),
+        (None, float("nan"), "NaN"),
+        (None, 1e9, "choose a duration"),
+        ("nan", 1.0, "finite"),
+    ],
+)
+def test_a_wrong_run_gets_a_message(p, duration, message):
+    with served(loop(Gain(3.0))) as server:
+        usual = server.session.prepared.plan.parameters(None)
+        sent = usual if p is None else np.full_like(usual, np.nan) if p == "nan" else p
+        if p == [1.0]:
+            sent = []
+        rows, fault = run(server, sent, duration)
+    assert rows.size == 0
+    assert message in fault
