@@ -17,7 +17,7 @@ def parser(prog: str) -> argparse.ArgumentParser:
         prog,
         "Simulate a diagram in the browser, with sliders and charts: as one HTML file, or served until Ctrl-C.",
         "loop.py:loop --save loop.html                            # sliders and signals by default",
-        "loop.py:loop --parameters law.kp law.kd --signals pendulum.angle",
+        "loop.py:loop --parameters law.proportional_gain --signals pendulum.angle",
         "loop.py:loop --save loop.html --at pendulum.torque       # with poles, Bode plot and margins",
         "loop.py:loop --pace 1                                    # sliders act on a run in real time",
     )

@@ -108,9 +108,7 @@ def compile_library(
 
     try:
         key = "\0".join((*identity(compiler), *FLAGS, content))
-        return cached(
-            key, ".so", lambda: _build(compiler, sources(), FLAGS, ("-shared",)), load
-        )
+        return cached(key, ".so", lambda: _build(compiler, sources()), load)
     except OSError as error:
         raise CompilationError(f"cannot compile {with_place(error)}") from error
 
@@ -259,8 +257,8 @@ def lanes() -> int:
 def _build(
     compiler: tuple[str, ...],
     sources: Sequence[str],
-    flags: Sequence[str],
-    linking: Sequence[str],
+    flags: Sequence[str] = FLAGS,
+    linking: Sequence[str] = ("-shared",),
 ) -> bytes:
     """Compile files in parallel in a temporary folder, and return the bytes of the library.
 

@@ -169,6 +169,22 @@ def test_draw_gives_tree_and_picture(tmp_path, loop, capsys):
     assert (tmp_path / "loop.svg").read_text(encoding="utf-8").startswith("<svg")
 
 
+def test_live_writes_a_page(tmp_path, loop, capsys):
+    pytest.importorskip("ziglang")
+    page = tmp_path / "loop.html"
+    words = ["live", loop, "--save", str(page), "--duration", "2"]
+    assert (
+        main(
+            [*words, "--parameters", "law.proportional_gain", "--at", "pendulum.torque"]
+        )
+        == 0
+    )
+    assert str(page) in capsys.readouterr().out
+    assert "pendulum.torque" in page.read_text(encoding="utf-8")
+    assert main([*words, "--signals", "pendulum.speed"]) == 2
+    assert "no port 'speed'" in capsys.readouterr().err
+
+
 def test_analyse_gives_modes_margins_and_picture(tmp_path, loop, capsys):
     """Law and pendulum at 0.5 rad: s^2 + (k_d s + k_p) / (m l^2) - g cos(0.5) / l."""
     gravity = 9.81 / 0.5 * np.cos(0.5)
