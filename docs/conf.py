@@ -8,6 +8,7 @@ import inspect
 import re
 import shutil
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 from latex2mathml.converter import convert
@@ -15,6 +16,7 @@ from tqdm import tqdm
 
 import trussflow
 from trussflow.blocks import INFERRED, Block, Diagram, Equations, Input, Output
+from trussflow.blocks.errors import DiagramError
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
@@ -55,15 +57,21 @@ suppress_warnings = ["config.cache"]
 
 
 def scrape(block, variables, settings):
-    """Return the pictures and pages that a cell of an example wrote."""
+    """Return the pictures and pages that a cell of an example wrote, and the live page of its last diagram."""
     source = Path(variables["src_file"])
     folder, shown = source.parent, []
-    if not re.search(r"plt\.|draw\(", source.read_text(encoding="utf-8")):
-        # no picture of its own
-        for whole in [
-            v for v in variables["example_globals"].values() if isinstance(v, Diagram)
-        ][-1:]:
+    text = source.read_text(encoding="utf-8")
+    diagrams = [
+        v for v in variables["example_globals"].values() if isinstance(v, Diagram)
+    ][-1:]
+    for whole in diagrams:
+        if not re.search(r"plt\.|draw\(", text):
+            # no picture of its own
             whole.draw(source.with_suffix(".svg"))
+        # The last cell, as earlier diagrams may not be complete.
+        if text.rstrip().endswith(block[1].rstrip()):
+            with suppress(DiagramError):  # with Python blocks or FMUs
+                whole.live(source.with_suffix(".live.html"))
     for file in sorted(
         [*folder.glob("*.svg"), *folder.glob("*.html")], key=lambda f: f.stat().st_mtime
     ):
