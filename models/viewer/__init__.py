@@ -3,6 +3,5 @@
 from trussflow.models.viewer.movie import movie as movie
 from trussflow.models.viewer.page import Section as Section
 from trussflow.models.viewer.page import replay as replay
-from trussflow.models.viewer.panel import Panel as Panel
 from trussflow.models.viewer.panel import scene_panel as scene_panel
 from trussflow.models.viewer.still import still as still

@@ -3,32 +3,17 @@
 from __future__ import annotations
 
 import json
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from trussflow.blocks.live.page import Panel
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.validation import frozen_array
 from trussflow.models.viewer.packing import Packer
 from trussflow.models.viewer.page import text_of
 from trussflow.models.viewer.scene import scene_of
-
-
-class Panel(NamedTuple):
-    """Panel of a page that simulates.
-
-    Attributes
-    ----------
-    script : str
-        JavaScript that appends an object with ``mount(element)`` and ``update(time, signals)`` to
-        ``window.trussflowPanels``.
-    signals : tuple of str
-        Names of the signals that ``update`` uses.
-    """
-
-    script: str
-    signals: tuple[str, ...]
 
 
 class _Lists(Packer):

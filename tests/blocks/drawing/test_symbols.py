@@ -181,8 +181,7 @@ def test_tooltip_has_all_digits():
 
 def test_function_with_a_hostile_name_does_no_harm():
     def squared(u):
-        size = u * u
-        return size
+        return u * u
 
     squared.__name__ = "{0.__class__}</text><script>"
     diagram = Diagram("hostile")
