@@ -32,6 +32,7 @@ from trussflow.blocks.live.choices import (
 from trussflow.blocks.live.loop import loop_of
 from trussflow.blocks.results.channels import Chosen, chosen_channels
 from trussflow.blocks.simulation.prepared import Prepared
+from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.simulation.solver import FIXED_STEP, Solver
 from trussflow.blocks.support.files import replaced
 from trussflow.blocks.support.types import Vector
@@ -71,12 +72,35 @@ class Panel:
 def live_page(
     diagram: Diagram, path: str | Path | None, **settings: Any
 ) -> Path | None:
-    """Write a page that simulates a diagram, or serve it if there is no path; see `Diagram.live`."""
-    if path is None:
-        # not needed for pages in files
-        from trussflow.blocks.live.server import serve
+    """Write a page that simulates a diagram, or serve it if there is no path.
 
-        serve(diagram, **settings)
+    Parameters
+    ----------
+    diagram : Diagram
+        The diagram.
+    path : str or pathlib.Path, optional
+        File to write.
+    **settings
+        As for `contents`.
+
+    Returns
+    -------
+    pathlib.Path or None
+        Path of the page, if it was written.
+
+    Raises
+    ------
+    DiagramError
+        If a page is to be written and a block computes in Python, or the file cannot be written.
+    SimulationError
+        If an argument is invalid.
+    LinearAnalysisError
+        If the loop cannot be analysed.
+    CompilationError
+        If there is no compiler for WebAssembly.
+    """
+    if path is None:
+        _serve(diagram, **settings)
         return None
     cannot = f"cannot make a live page of '{diagram.name}'"
     file = as_path(DiagramError, cannot, path)
@@ -94,6 +118,30 @@ def live_page(
     except OSError as error:
         raise DiagramError(f"{cannot} in '{path}': {error}") from error
     return file
+
+
+def _serve(diagram: Diagram, **settings: Any) -> None:
+    """Serve a live page until Ctrl-C."""
+    # slow to import
+    from trussflow.blocks.live.server import LiveServer
+
+    if settings.get("at") is not None:
+        raise SimulationError(
+            "a served page has no poles and Bode plot; leave out at=, or give a file to write"
+        )
+    page = contents(diagram, is_served=True, **settings)
+    prepared = page.prepared
+    session = Session(
+        diagram,
+        outputs={c.name: c.port for c in prepared.channels},
+        step=prepared.solver.step,
+        solver=prepared.solver.solver,
+    )
+    log_step = page.data["every"] * prepared.tick
+    pace = page.data["pace"]
+    LiveServer(
+        session, html(page, None).encode(), log_step, pace=pace
+    ).until_interrupted()
 
 
 class Contents(NamedTuple):
@@ -126,7 +174,7 @@ def contents(
     diagram : Diagram
         The diagram.
     parameters, signals, at, duration, step, solver, log_step, panels, pace
-        As for `Diagram.live` [duration, step, log_step: s].
+        As for `Diagram.live` [duration, step, log_step: s; pace: -].
     is_served : bool
         Whether this process computes the runs.
 
@@ -141,7 +189,7 @@ def contents(
     """
     cannot = f"cannot make a live page of '{diagram.name}'"
     positive(duration=duration)
-    positive_if_given(step=step, log_step=log_step)
+    positive_if_given(step=step, log_step=log_step, pace=pace)
     if solver not in FIXED_STEP:
         raise SimulationError(
             f"{cannot} with solver {solver!r}: a page has fixed steps; choose from {', '.join(FIXED_STEP)}"
@@ -240,7 +288,15 @@ def _places(*layouts: Layout) -> list[tuple[str, int, int]]:
 
 
 def html(page: Contents, module: bytes | None) -> str:
-    """Return the text of a page; without a module, a server computes the runs."""
+    """Return the text of a page.
+
+    Parameters
+    ----------
+    page : Contents
+        Its contents.
+    module : bytes or None
+        The WebAssembly module; without it, a server computes the runs.
+    """
     own = files("trussflow.blocks.live")
 
     def text(name: str) -> str:

@@ -18,60 +18,14 @@ from urllib.parse import parse_qs, urlsplit
 import numpy as np
 
 from trussflow.blocks.errors import SimulationError, TrussflowError
-from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.live.page import contents, html
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.support.types import Vector
-from trussflow.blocks.support.validation import positive_if_given
 
 FLUSH_SECONDS = 0.05
 """Wall time between two parts of an answer [s]."""
 
 MAX_RUN_ROWS = 1_000_000
 """Largest number of logged rows of a run that a page may ask for [-]."""
-
-
-def serve(diagram: Diagram, *, pace: float | None = None, **settings: Any) -> None:
-    """Serve a live page until Ctrl-C, print its address, and open it in the browser; see `Diagram.live`.
-
-    Parameters
-    ----------
-    diagram : Diagram
-        The diagram; it may have Python blocks and FMUs.
-    pace : float, optional
-        Simulated seconds in a second of wall time [-].
-    **settings
-        As for `Diagram.live`.
-
-    Raises
-    ------
-    SimulationError
-        If an argument is invalid.
-    """
-    positive_if_given(pace=pace)
-    if settings.get("at") is not None:
-        raise SimulationError(
-            "a served page has no poles and Bode plot; leave out at=, or give a file to write"
-        )
-    page = contents(diagram, pace=pace, is_served=True, **settings)
-    prepared = page.prepared
-    session = Session(
-        diagram,
-        outputs={c.name: c.port for c in prepared.channels},
-        step=prepared.solver.step,
-        solver=prepared.solver.solver,
-    )
-    server = LiveServer(
-        session,
-        html(page, None).encode(),
-        page.data["every"] * prepared.tick,
-        pace=pace,
-    )
-    with server:
-        print(f"live page of '{diagram.name}': {server.address} (Ctrl-C ends it)")  # noqa: T201
-        webbrowser.open(server.address)
-        with contextlib.suppress(KeyboardInterrupt):
-            server.serve_forever()
 
 
 class LiveServer(ThreadingHTTPServer):
@@ -117,8 +71,17 @@ class LiveServer(ThreadingHTTPServer):
         """Address of the page."""
         return f"http://127.0.0.1:{self.server_port}/{self.token}/"
 
+    def until_interrupted(self) -> None:
+        """Print the address, open it in the browser, and serve until Ctrl-C."""
+        with self:
+            name = self.session.prepared.plan.name
+            print(f"live page of '{name}': {self.address} (Ctrl-C ends it)")  # noqa: T201
+            webbrowser.open(self.address)
+            with contextlib.suppress(KeyboardInterrupt):
+                self.serve_forever()
+
     def named(self, p: Vector) -> dict[str, Any]:
-        """Return parameters `p` by name."""
+        """Return parameters `p` [as declared] by name."""
         layout = self.session.prepared.plan.p
         if p.size != layout.size:
             raise SimulationError(
@@ -127,7 +90,22 @@ class LiveServer(ThreadingHTTPServer):
         return dict(layout.named(p))
 
     def rows(self, name: str, p: Vector, duration: float) -> Iterator[Vector]:
-        """Yield time and outputs at the logged instants of a run [as declared]; also see `pace`."""
+        """Yield time and outputs at the logged instants of a run.
+
+        Parameters
+        ----------
+        name : str
+            Name of the run, for `changes`.
+        p : Vector
+            Parameters [as declared].
+        duration : float
+            Duration [s].
+
+        Raises
+        ------
+        SimulationError
+            If the duration or the number of parameters is wrong, or the run fails.
+        """
         number = round(duration / float(self.log_step))
         if not 0 < number <= MAX_RUN_ROWS:
             raise SimulationError(

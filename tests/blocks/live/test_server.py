@@ -112,7 +112,7 @@ def test_two_pages_have_runs_of_their_own():
             thread.join()
     for rows, gain in zip(found, (1.0, 5.0), strict=True):
         np.testing.assert_allclose(
-            rows[:, 1], 1 - np.exp(-gain * rows[:, 0]), atol=1e-6
+            rows[:, 1], 1 - np.exp(-gain * rows[:, 0]), rtol=0, atol=1e-6
         )
 
 
@@ -133,7 +133,7 @@ def test_a_paced_run_takes_new_values_while_it_goes_on():
     time_since = rows[still:, 0] - rows[still, 0]
     assert rows[still, 0] > 0.1
     np.testing.assert_allclose(
-        rows[still:, 1], 1 - np.exp(-3.0 * time_since), atol=1e-6
+        rows[still:, 1], 1 - np.exp(-3.0 * time_since), rtol=0, atol=1e-6
     )
 
 
