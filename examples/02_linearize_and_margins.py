@@ -33,12 +33,11 @@ loop.draw("loop.svg")
 
 plant = SpaceTruss.published()
 point = trim(plant, inputs={"actuation": [0.0] * plant.actuators})
-print("largest violation of an equation:", point.residual)
+point
 
 # %%
-# The report has a row for each state, input and output. Its first rows:
-
-point.report.head(4)
+# Long arrays are shortened. ``point.residual`` is the largest violation of an equation, here zero. ``point.report`` has
+# a row for each element, with its rate of change.
 
 # %%
 # Modes of the plant

@@ -79,12 +79,12 @@ print(f"z = {float(result['truss.task_position'][-1, 2]):.15e} m")
 # previous instant.
 
 loop = transport_diagram(Mission.of_case(1), SpaceTruss.published())
-log = {"log": ["truss.base_force", "errors.error"], "step": 1e-3}
-expected = simulate(loop, 0.5, **log)
+log = ["truss.base_force", "errors.error"]
+expected = simulate(loop, 0.5, step=1e-3, log=log)
 
 loop.add(truss=Fmu("space_truss.fmu", delayed=True))
 loop.ground(loop.truss.modal_force)
-found = simulate(loop, 0.5, **log)
+found = simulate(loop, 0.5, step=1e-3, log=log)
 
 # %%
 # The largest forces of the bases, and their differences between both runs:
