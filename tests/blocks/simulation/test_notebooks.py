@@ -4,6 +4,7 @@ import xml.etree.ElementTree as ET
 
 import control
 import matplotlib.pyplot as plt
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from systems import decay
@@ -13,6 +14,7 @@ from trussflow.blocks import (
     Diagram,
     Gain,
     Integrator,
+    OperatingPoint,
     TransferFunction,
     loop_margins,
     modal_bode,
@@ -107,6 +109,8 @@ def test_modes_and_operating_points_are_tables():
     assert row == ["mode 1", "0.3183 Hz", "1.000%", "u 100%"]
     point = trim(TransferFunction([1.0], [1.0, 0.4, 2.0]), inputs={"u": 3.0})
     assert ["input u", "3."] in cells(point)
+    matrix = repr(OperatingPoint(inputs={"u": np.eye(2), "v": 1.0}))
+    assert "input u  [[1. 0.] [0. 1.]]\n  input v  1." in matrix
 
 
 def test_diagram_is_a_picture_with_names_as_text():
