@@ -39,7 +39,7 @@ function trouble(text) {
 
 worker.onerror = (event) => trouble(`This page cannot simulate: ${event.message}`);
 worker.onmessage = ({ data: message }) => {
-  if (message.error) return trouble(`The run failed: ${message.error}`);
+  if (message.error) return trouble(`This page cannot simulate: ${message.error}`);
   if (message.analysis) return analysis({ ...message.analysis, id: message.id });
   const partial = message.progress !== undefined;
   $("progress").hidden = !partial;
@@ -88,9 +88,10 @@ function metrics(time, values) {
     if (share > peak) peak = share;
     size = Math.max(size, Math.abs(values[i]));
   }
-  const settles = settled < 0.9 * last && Math.abs(span) > 1e-9 * size;
-  if (!settles) return { steady, rise: NaN, overshoot: NaN, settling: NaN };
-  return { steady, rise: time[ninety] - time[ten], overshoot: 100 * (peak - 1), settling: time[settled] - time[0] };
+  const end = Math.abs(steady) < 1e-6 * size ? 0 : steady, settles = settled < 0.9 * last && Math.abs(span) > 1e-9 * size;
+  if (!settles) return { steady: end, rise: NaN, overshoot: NaN, settling: NaN };
+  const overshoot = Math.round(1e4 * (peak - 1)) / 100; // to 0.01 %
+  return { steady: end, rise: time[ninety] - time[ten], overshoot, settling: time[settled] - time[0] };
 }
 live.metrics = metrics;
 
@@ -304,4 +305,4 @@ window.onhashchange = () => { recall(); ask(); };
 window.onresize = () => { redraw(); bode(); };
 matchMedia("(prefers-color-scheme: dark)").onchange = window.onresize;
 recall();
-begin();
+begin().catch((error) => trouble(`This page cannot simulate: ${error}`));

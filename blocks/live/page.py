@@ -7,6 +7,7 @@ import json
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import partial
 from html import escape
 from importlib.resources import files
@@ -34,6 +35,7 @@ from trussflow.blocks.results.channels import Chosen, chosen_channels
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.simulation.solver import FIXED_STEP, Solver
+from trussflow.blocks.simulation.step_size_warnings import warn_of_missed_jumps
 from trussflow.blocks.support.files import replaced
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import as_path, positive, positive_if_given
@@ -227,6 +229,7 @@ def contents(
     )
     programs = [*prepared.programs, *([loop.program] if loop else [])]
     steps = ticks(length, tick, "the duration")
+    warn_of_missed_jumps(plan, tick, (Fraction(0), length), p)
     every = -(-steps // MAX_ROWS)
     if log_step is not None:
         every = ticks(exact(log_step), tick, "log_step")

@@ -182,26 +182,25 @@ async function drain() {
       await new Promise((resolve) => setTimeout(resolve));
       return wanted && spent > PATIENCE;
     };
-    try {
-      const result = await engine.run(job, pause);
-      if (result) postMessage({ id: job.id, ...result, seconds: (performance.now() - begin) / 1000 },
-        [result.time.buffer, result.log.buffer]);
-      if (result && engine.data.loop) {
-        // A large analysis waits until the values rest.
-        if (engine.data.sizes[1] > LARGE) await new Promise((resolve) => setTimeout(resolve, REST));
-        if (!wanted) postMessage({ id: job.id, analysis: analysed(engine.linear(...engine.points[job.point])) });
-      }
-    } catch (error) {
-      postMessage({ id: job.id, error: String(error) });
-    }
+    const result = await engine.run(job, pause);
+    if (!result) continue;
+    postMessage({ id: job.id, ...result, seconds: (performance.now() - begin) / 1000 }, [result.time.buffer, result.log.buffer]);
+    // A large analysis waits until the values rest.
+    if (engine.data.loop && engine.data.sizes[1] > LARGE) await new Promise((resolve) => setTimeout(resolve, REST));
+    if (engine.data.loop && !wanted) postMessage({ id: job.id, analysis: analysed(engine.linear(...engine.points[job.point])) });
   }
   busy = false;
 }
 
 onmessage = async ({ data: message }) => {
-  if (message.module) {
-    const module = await WebAssembly.compile(message.module);
-    engine = new Engine(message.data, (await WebAssembly.instantiate(module, {})).exports);
-  } else wanted = message;
-  if (engine && wanted && !busy) drain();
+  try {
+    if (message.module) {
+      const module = await WebAssembly.compile(message.module);
+      engine = new Engine(message.data, (await WebAssembly.instantiate(module, {})).exports);
+    } else wanted = message;
+    if (engine && wanted && !busy) await drain();
+  } catch (error) {
+    postMessage({ error: String(error) });
+    busy = false;
+  }
 };

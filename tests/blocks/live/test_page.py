@@ -1,8 +1,10 @@
 """Live pages: defaults, sliders, messages, links, panels, hostile names, and refusals."""
 
 import ast
+import base64
 import json
 import re
+import zlib
 
 import numpy as np
 import pytest
@@ -222,6 +224,16 @@ def test_divergence_names_state_and_time(window, tmp_path):
     assert window.rows()[0][-1] < 2.2
     window.set("x.initial_value", 0.1)
     assert not window.trouble()
+
+
+def test_a_page_that_cannot_simulate_shows_the_reason(pid_page, window, tmp_path):
+    text = pid_page.read_text(encoding="utf-8")
+    damaged = base64.b64encode(zlib.compress(b"no module")).decode()
+    file = tmp_path / "damaged.html"
+    file.write_text(re.sub('id="module">.*<', f'id="module">{damaged}<', text))
+    window.page.goto(file.as_uri())
+    window.wait("!document.getElementById('trouble').hidden")
+    assert "cannot simulate: CompileError" in window.trouble()
 
 
 def test_values_beyond_limits_are_not_simulated(pid_page, window):
