@@ -32,6 +32,8 @@ from trussflow.blocks import (
     TransferFunction,
     UnitDelay,
 )
+from trussflow.models import SpaceTruss
+from trussflow.models.transport import Mission, transport_diagram
 
 
 def pid():
@@ -242,3 +244,17 @@ def test_runs_with_functions_of_the_c_library_are_equal_to_round_off(
     for found, expected in compare(window, unfused, tmp_path, make):
         assert_array_equal(found[0], expected[0])
         assert_allclose(found[1], expected[1], rtol=0.0, atol=1e-13)
+
+
+@pytest.mark.campaign
+def test_the_loop_of_the_paper_is_equal_bit_by_bit(window, unfused, tmp_path):
+    log = ["truss.task_position", "truss.modal_coordinate", "controller.error"]
+    loop = transport_diagram(Mission.of_case(1), SpaceTruss.published())
+    settings = {"step": 2e-3, "log_step": 0.01}
+    window.open(
+        loop.live(tmp_path / "page.html", signals=log, duration=5.0, **settings)
+    )
+    window.wait("trussflowLive.run.progress === undefined")
+    expected = unfused(loop, 5.0, log=log, **settings)
+    for one, other in zip(window.rows(), expected, strict=True):
+        assert_array_equal(one, other)
