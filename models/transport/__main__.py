@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from trussflow.blocks.errors import DivergenceError, SimulationInterrupted
+from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.results.dataset import save
 from trussflow.blocks.simulation.adaptive import METHODS
 from trussflow.blocks.simulation.solver import FIXED_STEP
@@ -31,6 +32,7 @@ from trussflow.models.transport.mission_file import (
 from trussflow.models.transport.results import check_run
 from trussflow.models.transport.summary import summarize, table
 from trussflow.models.transport.wiring import ALLOCATIONS, CONTROLLERS
+from trussflow.models.viewer.panel import scene_panel
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -57,6 +59,7 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         "--case 1                                # writes page, result, figures, summary to results/case1",
         "--case 2 --controller smc --duration 20 # first 20 s of Case 2, conventional sliding mode",
         "--plant consistent --allocation published   # unstable: the actuators do work on the modes",
+        "--case 1 --live                         # also a page that repeats the run with other gains",
         "mission.toml --explain                  # print all values of a mission file with their sources",
         "--duration 5 --json                     # print figures of merit and provenance as JSON",
     )
@@ -147,6 +150,11 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         help="print all values with their files, without a run",
     )
     found.add_argument(
+        "--live",
+        action="store_true",
+        help="also write live.html, which simulates the mission in the browser, with sliders",
+    )
+    found.add_argument(
         "--output", type=Path, help="folder for result, summary and figures"
     )
     return found
@@ -190,6 +198,8 @@ def simulate_mission(options: argparse.Namespace, command: str) -> Outcome:
             f"cannot write to the output folder '{folder}': {error}"
         ) from error
     diagram = mission.diagram()
+    if options.live:  # also before the run: its messages are early
+        write_live(mission, diagram, folder)
     simulator = mission.simulator(diagram)
     failure, started = "", time.perf_counter()
     try:
@@ -211,6 +221,20 @@ def simulate_mission(options: argparse.Namespace, command: str) -> Outcome:
     if failure:
         print(f"\n{failure}", file=sys.stderr)
     return Outcome(summary, code=FAILED if failure else 0)
+
+
+def write_live(mission: MissionFile, diagram: Diagram, folder: Path) -> None:
+    """Write ``live.html``, a page that simulates the mission, with the truss in motion."""
+    scene = scene_panel(mission.truss, rods=mission.rods, target=mission.target)
+    with status_line("compiling the live page"):
+        diagram.live(
+            folder / "live.html",
+            duration=mission.duration,
+            step=mission.mission.step,
+            solver=mission.solver,
+            panels=[scene],
+        )
+    print(f"open {folder / 'live.html'} in a browser to change parameters", flush=True)
 
 
 def report(

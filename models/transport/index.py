@@ -55,7 +55,11 @@ def write_index(
     long = ("parameters", "initial_states", "target")
     about = {key: value for key, value in result.attrs.items() if key not in long}
     ended = "" if about.get("status") == "complete" else f", {about.get('status')}"
+    live = (
+        '<p><a href="live.html">Simulate with other parameters in this browser</a></p>'
+    )
     sections = [
+        *([Section("Live", live)] if (folder / "live.html").is_file() else []),
         Section("Summary", html_table(TITLES, cells(figures))),
         Section("Figures", _charts(result)),
         *([Section("Diagram", drawing)] if drawing else []),
