@@ -237,7 +237,7 @@ function python() {
   const changed = new Set(controls.filter(({ place }) => p[place] !== defaults[place]).map(({ array }) => array));
   const values = [...changed].map((name) => `        ${JSON.stringify(name)}: ${list(data.arrays[name])},\n`).join("");
   return `from trussflow.blocks import simulate\n\nresult = simulate(\n    diagram,\n    ${steps * seconds},\n    step=${seconds},\n`
-    + `    solver=${JSON.stringify(data.solver)},\n    log=${JSON.stringify(data.logged)},\n    log_step=${(data.every * data.tick[0]) / data.tick[1]},\n`
+    + `    solver=${JSON.stringify(data.solver)},\n    log=${JSON.stringify(data.logged)},\n    log_step=${(data.every * Math.ceil(steps / data.steps) * data.tick[0]) / data.tick[1]},\n`
     + `${values && `    parameters={\n${values}    },\n`})\n`;
 }
 Object.assign(live, { python, address });
@@ -282,11 +282,16 @@ function play() {
 }
 $("play").onclick = play;
 
-const panels = window.trussflowPanels.map((panel) => {
+const panels = window.trussflowPanels.filter((panel) => {
   const box = element("div", "panel");
   $("panels").append(box);
-  panel.mount(box, data);
-  return panel;
+  try {
+    panel.mount(box, data);
+  } catch (error) { // as without WebGL; the other parts of the page work
+    box.textContent = `This view cannot be shown: ${error}`;
+    return false;
+  }
+  return true;
 });
 
 function update(time) {

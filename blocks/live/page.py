@@ -243,7 +243,7 @@ def contents(
         **_simulation(prepared, p, x, d),
         "controls": controls(plan, p, parameters),
         "arrays": {f"{e.path}.{e.name}": [e.start, *e.shape] for e in plan.p},
-        "logged": [channel.name for channel in channels],
+        "logged": {c.name: f"{c.port.block.path}.{c.port.name}" for c in channels},
         "charts": charts(channels[: len(charted)]),
         "panelSignals": [
             (c.name, (c.columns.start + c.port.elements().ravel()).tolist())

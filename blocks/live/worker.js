@@ -73,7 +73,9 @@ class Engine {
   /** Lay out the arrays of a run: due sets, logged instants, rows. */
   prepare(steps) {
     if (steps === this.room) return;
-    const { every, width, clocks, sets } = this.data;
+    const { width, clocks, sets } = this.data;
+    // Runs that are longer than that of the page are logged less often.
+    const every = (this.every = this.data.every * Math.ceil(steps / this.data.steps));
     this.room = -1;
     this.top = this.rest;
     this.rows = Math.ceil(steps / every) + 1;
@@ -102,8 +104,9 @@ class Engine {
 
   /** Run from the initial states; `pause` is awaited between slices and ends the run if it returns true. */
   async run(job, pause) {
-    const { sizes: [np, nx, nd], tick: [over, under], method, every, width, stored, modes, sides } = this.data;
+    const { sizes: [np, nx, nd], tick: [over, under], method, width, stored, modes, sides } = this.data;
     this.prepare(job.steps);
+    const { every } = this;
     this.array(this.p, np).set(job.p);
     this.array(this.x, nx).set(this.start.subarray(0, nx));
     this.array(this.d, nd).set(this.start.subarray(nx));
@@ -142,7 +145,7 @@ class Engine {
 
   /** Return times and values of the first rows. */
   result(rows) {
-    const { tick: [over, under], every, width } = this.data;
+    const { data: { tick: [over, under], width }, every } = this;
     const time = Float64Array.from({ length: rows }, (_, i) => (i * every * over) / under);
     return { time, log: this.array(this.log, width * rows).slice() };
   }

@@ -66,7 +66,7 @@ def test_defaults_are_gains_first_and_exposed_outputs(tmp_path):
     names = [control["name"] for control in data["controls"]]
     assert names[:3] == ["law.kp", "law.ki", "law.kd"]
     assert len(names) <= 12
-    assert data["logged"] == ["position", "torque"]
+    assert data["logged"] == {"position": "plant.y", "torque": "law.y"}
     assert data["steps"] * data["tick"][0] / data["tick"][1] == 10.0
 
 
@@ -162,6 +162,10 @@ def test_a_link_holds_the_values(pid_page, window):
     for one, other in zip(window.rows(), expected, strict=True):
         assert_array_equal(one, other)
     assert expected[0][-1] == 3.0
+    # A longer run has a longer time between logged instants.
+    window.open(pid_page, "duration=12")
+    assert np.diff(window.rows()[0])[0] == pytest.approx(0.03, rel=1e-9)
+    assert "log_step=0.03," in window.page.evaluate("python()")
     # Values that are not allowed are left out.
     window.open(pid_page, "law.ki=nonsense&law.filter_time=-1&other=3")
     assert window.rows()[0][-1] == 5.0
@@ -174,9 +178,8 @@ def test_copied_python_repeats_the_run(pid_page, window):
     (_, call) = ast.parse(window.page.evaluate("trussflowLive.python()")).body
     settings = {k.arg: ast.literal_eval(k.value) for k in call.value.keywords}
     duration = ast.literal_eval(call.value.args[1])
-    settings["log"] = ["plant.y", "law.y"]  # exposed names have no block
     result = simulate(pid(), duration, progress=False, **settings)
-    found = np.column_stack([result["plant.y"], result["law.y"]])
+    found = np.column_stack([result["position"], result["torque"]])
     np.testing.assert_allclose(window.rows()[1], found, rtol=0.0, atol=1e-11)
     assert settings["parameters"] == {"law.kp": 5.5}
 
@@ -281,20 +284,25 @@ def test_panels_follow_the_cursor(window, tmp_path):
       update(time, signals) { this.box.textContent = JSON.stringify([time, signals]); } });"""
     diagram = pid()
     panel = Panel(script, ["plant.y", "law.y"])
+    broken = Panel(
+        "window.trussflowPanels.push({ mount() { throw Error('no WebGL'); } });"
+    )
     window.open(
         diagram.live(
             tmp_path / "page.html",
             duration=5.0,
             step=0.01,
-            panels=[panel],
+            panels=[broken, panel],
             signals=["law.y"],
         )
     )
     window.page.evaluate(
         "document.getElementById('cursor').value = 0.5; document.getElementById('cursor').oninput()"
     )
-    window.wait("JSON.parse(document.querySelector('.panel').textContent)[0] === 2.5")
-    _, signals = json.loads(window.page.locator(".panel").inner_text())
+    last = "document.querySelector('.panel:last-child').textContent"
+    window.wait(f"JSON.parse({last})[0] === 2.5")
+    _, signals = json.loads(window.page.evaluate(last))
+    assert "no WebGL" in window.page.locator(".panel").first.inner_text()
     found = simulate(diagram, 5.0, step=0.01, progress=False).sel(time=2.5)
     assert signals["plant.y"] == pytest.approx([float(found["plant.y"])], rel=1e-12)
     assert signals["law.y"] == pytest.approx([float(found["law.y"])], rel=1e-12)
