@@ -105,11 +105,14 @@ def ordered(
     depth, layers = depths(order, edges), into_layers(order, edges)
     junctions = [box for box in boxes if box.junction]
     source = {pin: net.source.box for net in nets for pin in net.targets}
-    for pin in (pin for box in junctions for pin in box.sides[0]):
-        pin.last = source.get(pin, pin.box).layer >= pin.box.layer
+    for box in junctions:
+        for pin in box.sides[0]:
+            pin.last = source.get(pin, box).layer >= box.layer
+        box.sides[0].sort(key=lambda pin: pin.last)
     channels = rails(nets, layers, WIRE_GAP)
     for layer in layers if variant else ():
         chance.shuffle(layer)
+        layer.sort(key=lambda box: box.back)
     Ordering(layers, channels).sort()
     for box in junctions:
         # The longest path runs straight through the junction.

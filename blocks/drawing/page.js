@@ -1,5 +1,5 @@
 "use strict";
-const MARGIN = 48, HEAD = 44, FOOT = 10; // around the content of an open group [px]
+const MARGIN = 48, HEAD = 44, FOOT = 10, RADIUS = 13; // around the content of an open group; of a junction [px]
 const COLOURS = ["#1f77e0", "#d9730d", "#0e9f6e", "#db2777", "#8b5cf6", "#7f8c1d", "#0891b2", "#b45309"];
 const picture = document.getElementById("picture"), svg = picture.querySelector("svg");
 const camera = svg.querySelector(".view").parentNode, keys = svg.querySelector(".keys");
@@ -46,13 +46,9 @@ function arrange(view) {
     const [width, height] = arrange(block.inner);
     block.size = { x: width + 2 * MARGIN, y: height + HEAD + FOOT };
   }
-  const beside = (block) => view.blocks.filter((other) => other.x < block.x + block.w && block.x < other.x + other.w);
-  // A cut through a block with one row would leave its wires behind.
-  const cuttable = (y) => view.blocks.every((block) => block.row === null || Math.abs(y - block.y - block.row) > 14);
-  const ends = {
-    x: (block) => Math.max(...beside(block).map((other) => other.x + other.w)),
-    y: (block) => [0, 5, 10, 15, -5].map((by) => block.y + block.h + by).find(cuttable) ?? block.y + block.h,
-  };
+  const column = (block) => view.blocks.filter((other) => other.x < block.x + block.w && block.x < other.x + other.w);
+  // 1 px behind the blocks, as numbers in the picture are rounded.
+  const ends = { x: (block) => 1 + Math.max(...column(block).map((other) => other.x + other.w)), y: (block) => 1 + block.y + block.h };
   for (const axis of ["x", "y"]) {
     for (const block of open.sort((a, b) => ends[axis](a) - ends[axis](b))) {
       const end = ends[axis](block);
@@ -62,10 +58,21 @@ function arrange(view) {
   }
   view.blocks.forEach((block) => place(block, moved));
   for (const [path, d] of view.paths) {
-    set(path, { d: d.replace(/([ML])([-\d.e]+) ([-\d.e]+)/g, (_, kind, x, y) => `${kind}${moved("x", +x)} ${moved("y", +y)}`) });
+    set(path, { d: d.split("M").slice(1).map((part) => `M${pulled(part.split("L"), moved).join("L")}`).join("") });
   }
   for (const [text, x, y] of view.texts) set(text, { x: moved("x", x), y: moved("y", y) });
   return [moved("x", view.width + 1), moved("y", view.height + 1)];
+}
+
+// The points of a wire, or of an arrowhead or dot; those at the top or bottom of a circle move with its middle.
+function pulled(points, moved) {
+  const places = points.map((point) => point.match(/^([-\d.e]+) ([-\d.e]+)(?:l-3.5 (-?7))?/)).map(([, ...found]) => found.map(Number));
+  const [[x, y, head], [before, from] = []] = places.slice(-2).reverse();
+  const side = Math.sign(head || (before === x && from - y));
+  return places.map(([left, top], i) => {
+    const by = i === places.length - 1 ? side * RADIUS : 0;
+    return points[i].replace(/^\S+ [-\d.e]+/, `${moved("x", left)} ${moved("y", top - by) + by}`);
+  });
 }
 
 function place(block, moved) {
@@ -148,12 +155,9 @@ window.addEventListener("pointerup", () => { start = null; });
 picture.addEventListener("click", (event) => {
   if (dragged) return;
   const signal = event.target.closest(".signal.plotted");
-  if (signal) {
-    plot(signal.dataset.path);
-    return;
-  }
   const block = blocks.find((one) => one.inner && one.element === event.target.closest(".block"));
-  if (block) {
+  if (signal) plot(signal.dataset.path);
+  else if (block) {
     block.open = !block.open;
     arrange(whole);
   }
@@ -166,7 +170,6 @@ function openAll(open) {
 document.getElementById("open").addEventListener("click", () => openAll(true));
 document.getElementById("close").addEventListener("click", () => openAll(false));
 document.getElementById("fit").addEventListener("click", fit);
-window.addEventListener("resize", fit);
 for (const id of ["open", "close"]) document.getElementById(id).hidden = !blocks.some((block) => block.inner);
 
 // ---- search
@@ -240,7 +243,7 @@ function plot(path) {
   });
 }
 panel.querySelector("button").addEventListener("click", () => plot(null));
-window.addEventListener("resize", () => { if (shown !== null) plot(shown); });
+window.addEventListener("resize", () => { fit(); plot(shown); });
 
 svg.removeAttribute("viewBox");
 fit();

@@ -119,7 +119,9 @@ def nearest(root, x, y):
             for path in line.split("M")[1:]:
                 u, v = map(float, path.split("L")[-1].split())
                 found.append((abs(u - x) + abs(v - y), group.get("data-path")))
-    return min(found)[1]
+    distance, path = min(found)
+    assert distance < 20.0
+    return path
 
 
 @pytest.mark.parametrize("signs", ["+-", "-+", "+--", "++-+", "-+-+-"])

@@ -119,8 +119,18 @@ def test_laws_hold(seed, number, wires):
                 pin.dy = 35.0
     size = layout(boxes, nets)
     check_laws(boxes, nets, *size)
+    source = {pin: net.source.box for net in nets for pin in net.targets}
+    for net in nets:
+        for (x1, y), (x2, _) in lines(net):
+            if x2 < x1:  # feedback is below all boxes that it passes
+                passed = [b for b in boxes if x2 < b.x and b.x + b.width < x1]
+                assert all(b.y + b.height <= y for b in passed)
     for box in boxes:
         if box.junction:
+            for pin in box.sides[0]:
+                # feedback to a sum is below its other inputs
+                back = source.get(pin, box).layer >= box.layer
+                assert not back or pin.entry >= 0
             # one wire at each of its sides, or all at the left
             entries = sorted(pin.entry for pin in box.sides[0])
             assert len(set(entries)) == len(entries) or not any(entries)
@@ -223,6 +233,36 @@ def test_signals_run_on_from_the_source_at_one_height():
     # straight up into the sum
     assert nets[-1].paths[0][-1][0] == nets[-1].paths[0][-2][0]
     assert len(nets[-1].paths[0]) == 5
+
+
+def test_feedback_from_the_middle_leaves_the_chain_level():
+    boxes = [Box(50.0, 40.0) for _ in range(5)]
+    inner = boxes[2]
+    inner.junction, inner.width, inner.height = True, JUNCTION_SIZE, 54.0
+    nets = [
+        Net(a.pin(1, a.height / 2), [b.pin(0, b.height / 2)])
+        for a, b in pairwise(boxes)
+    ]
+    nets[3].targets.append(inner.pin(0, 40.0))
+    layout(boxes, nets)
+    ends = [pin.y for net in nets for pin in (net.source, net.targets[0])]
+    assert len(set(ends)) == 1
+
+
+def test_feedback_does_not_rise_through_a_box_below_a_sum():
+    """Two sums in one layer, each with feedback that passes below both."""
+    start, boxes, nets = Box(50.0, 40.0), [], []
+    out = start.pin(1, 20.0)
+    nets.append(Net(out, []))
+    for _ in range(2):
+        total = Box(JUNCTION_SIZE, 54.0, junction=True)
+        plant = Box(50.0, 40.0)
+        nets[0].targets.append(total.pin(0, 27.0))
+        nets.append(Net(total.pin(1, 27.0), [plant.pin(0, 20.0)]))
+        nets.append(Net(plant.pin(1, 20.0), [total.pin(0, 40.0)]))
+        boxes += [total, plant]
+    size = layout([start, *boxes], nets)
+    check_laws([start, *boxes], nets, *size)
 
 
 def test_box_in_the_feedback_is_beside_its_first_source():
