@@ -23,7 +23,7 @@ from trussflow.models.viewer.packing import Packer
 from trussflow.models.viewer.solids import MAX_TRIANGLES
 
 LARGEST = 4e6  # bytes of a page
-SCRIPTS = 1e5  # bytes of the scripts in it, about
+SCRIPT_BYTES = 1e5  # bytes of the scripts in it, about
 CHART = '<div data-signal="{}"></div>'
 SEEDS = range(1, 3 * campaign.SIZE)
 
@@ -141,7 +141,7 @@ def test_whatever_was_simulated_the_page_fits(
 ):
     """Noise hardly compresses; what is not of the run, or does not change in time, takes room as well."""
     rng = np.random.default_rng(seed)
-    largest = int(SCRIPTS + 10.0 ** rng.uniform(5.3, 6.0))
+    largest = int(SCRIPT_BYTES + 10.0 ** rng.uniform(5.3, 6.0))
     monkeypatch.setattr(page, "MAX_PAGE_BYTES", largest)
     run = make_run(
         truss, duration=rng.uniform(1.0, 60.0), step=rng.choice([0.001, 0.02])
