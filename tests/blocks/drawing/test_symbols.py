@@ -181,7 +181,8 @@ def test_tooltip_has_all_digits():
 
 def test_function_with_a_hostile_name_does_no_harm():
     def squared(u):
-        return u * u + size
+        size = u * u
+        return size + size
 
     squared.__name__ = "{0.__class__}</text><script>"
     diagram = Diagram("hostile")

@@ -156,6 +156,17 @@ def test_unwritable_output_is_found_before_anything_runs(tmp_path, capsys):
 
 
 @pytest.mark.usefixtures("undrawn")
+def test_a_live_page_has_the_loop_and_the_scene(tmp_path):
+    pytest.importorskip("ziglang")
+    words = ["--duration", "0.2", "--output", str(tmp_path)]
+    assert main(["--live", *words]) == 0
+    live = (tmp_path / "live.html").read_text(encoding="utf-8")
+    assert "controller.gamma" in live
+    assert "Scene3d.panel" in live
+    assert 'href="live.html"' in (tmp_path / "index.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.usefixtures("undrawn")
 def test_divergence_keeps_what_was_logged(tmp_path, capsys):
     """A step far beyond the stability limit: one message, and the log up to the end."""
     words = [
