@@ -13,11 +13,12 @@ OLDEST := .venv-oldest
 BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help transport reproduce flight sweep modes reports-check check types rules test campaign test-oldest format docs bench bench-check bench-growth bench-instructions bench-peers clean FORCE
+.PHONY: help transport live reproduce flight sweep modes reports-check check types rules test campaign test-oldest format docs bench bench-check bench-growth bench-instructions bench-peers clean FORCE
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make transport  simulate Case 1 of the paper: results/case1/index.html"
+	@echo "make live       the same, and a page that simulates it in the browser: results/case1/live.html"
 	@echo "make reproduce  simulate and check the claims of the paper: docs/reproduction"
 	@echo "make flight     robustness of the controllers, 400 Monte Carlo samples: docs/flight"
 	@echo "make sweep      1000 Monte Carlo samples of each controller: docs/sweep"
@@ -38,6 +39,10 @@ help:
 
 transport: $(VENV)/runtime.stamp
 	$(BIN)/python -m trussflow.models.transport --case 1 --output results/case1
+
+# Also results/case1/live.html, which simulates Case 1 in the browser with sliders.
+live: $(VENV)/compiler.stamp
+	$(BIN)/python -m trussflow.models.transport --case 1 --live --output results/case1
 
 # The studies are packages of examples/studies.
 STUDY := PYTHONPATH=examples/studies $(BIN)/python -m
@@ -126,6 +131,10 @@ clean:
 $(VENV)/runtime.stamp: pyproject.toml $(VENV)/sources
 	@echo "Installing trussflow into $(VENV) (the first time takes a minute or two)"
 	$(PIP_INSTALL) -e .
+	@touch $@
+
+$(VENV)/compiler.stamp: $(VENV)/runtime.stamp
+	@$(PIP_INSTALL) -e ".[compiler]"
 	@touch $@
 
 $(VENV)/dev.stamp: pyproject.toml $(VENV)/sources
