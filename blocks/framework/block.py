@@ -212,7 +212,9 @@ class Block(Wired, Equations, Described):
                     declaration,
                     shape
                     if is_inferred
-                    else Inferable(self._shape(declaration.shape, name), fixed=True),
+                    else Inferable(
+                        self._shape(declaration.shape, name), fixed=True, own=True
+                    ),
                     self._inferable(declaration.unit, unit),
                     self._inferable(declaration.frame, frame),
                     self._inferable(
@@ -285,7 +287,11 @@ class Block(Wired, Equations, Described):
     def _inferable(self, value: Any, shared: Inferable) -> Inferable:
         """Return the `Inferable` of a unit, frame or labels; `shared` is that of all ports that infer it."""
         resolved = self._resolved(value)
-        return shared if resolved is INFERRED else Inferable(resolved, fixed=True)
+        return (
+            shared
+            if resolved is INFERRED
+            else Inferable(resolved, fixed=True, own=True)
+        )
 
     def _resolved(self, value: Any) -> Any:
         return self.__dict__[value] if isinstance(value, Attribute) else value

@@ -141,15 +141,15 @@ class Inferable:
         The line that fixed the value; empty if the declaration did.
     parent : Inferable, optional
         The property with which it was unified (union-find).
-    inferred : bool
-        Whether a wire fixed the value, not the block itself.
+    own : bool
+        Whether the block itself fixes the value, not a wire.
     """
 
     value: Any = None
     fixed: bool = False
     fixed_by: str = ""
     parent: Inferable | None = None
-    inferred: bool = False
+    own: bool = False
 
     def root(self) -> Inferable:
         """Return the representative of all properties unified with this one."""
@@ -171,14 +171,13 @@ class Inferable:
     def fix(self, value: Any, where: str, *, own: bool = False) -> None:
         """Fix an open `value`, with the line `where`, and whether it is the block's `own`."""
         root = self.root()
-        root.value, root.fixed, root.fixed_by = value, True, where
-        root.inferred = not own
+        root.value, root.fixed, root.fixed_by, root.own = value, True, where, own
 
     def forget(self) -> None:
         """Remove the value that was inferred from wires."""
         # All unifications are undone; the wires that remain make theirs again.
         self.parent = None
-        if self.inferred or not self.fixed:
+        if not self.own:
             self.value, self.fixed, self.fixed_by = None, False, ""
 
     def origin(self) -> str:

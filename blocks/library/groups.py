@@ -249,7 +249,7 @@ class Enabled(Equations):
         values["_declared"] = {**self.block._declared, **declared}
         signal = declared["group_enable"]
         # Shape, unit and frame of the new input: a number without unit and frame.
-        own = (Inferable(value, fixed=True) for value in ((), None, None))
+        own = (Inferable(value, fixed=True, own=True) for value in ((), None, None))
         self.block.ports["group_enable"] = Port(
             self.block, "group_enable", signal, *own
         )
