@@ -19,6 +19,7 @@ from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.library.algebra import Gain
 from trussflow.blocks.library.groups import enabled
+from trussflow.blocks.library.sources import Constant
 
 
 class Truss(Block):
@@ -44,6 +45,10 @@ class Consumer(Block):
     kelvin = Input(unit="K")
     mixed = Input((3,), unit=("m", "rad", "N"))
     grid = Input((2, 3))
+
+
+class Nothing(Block):
+    f = Input((0,), unit="N")
 
 
 class Allocation(Block):
@@ -81,6 +86,13 @@ def test_energy_and_torque_have_the_same_dimension():
     d = build()
     d.connect(d.truss.energy, d.truss.torque)
     d.traj.mixed >> d.user.mixed
+
+
+def test_units_of_ports_without_elements_are_compared():
+    empty = Diagram("empty")
+    mass, force = empty.add(mass=Constant(np.zeros(0), unit="kg"), force=Nothing())
+    with pytest.raises(WiringError, match="unit 'kg' does not fit 'N'"):
+        mass.y >> force.f
 
 
 def test_driving_twice_names_both_lines():
