@@ -55,7 +55,7 @@ class PIDLaw(Shaped):
     reference_weight = Parameter(shape=None, meaning="b")
     reference_rate_weight = Parameter(shape=None, meaning="c")
     first_output = Parameter(shape=None, meaning="first output, if start is given")
-    symbol = Symbol("{kp} + {ki}/s + {kd} s", caption="{lower} to {upper}")
+    _symbol = Symbol("{kp} + {ki}/s + {kd} s", caption="{lower} to {upper}")
 
     def __init__(
         self,

@@ -19,13 +19,13 @@ from trussflow.blocks.framework.arithmetic import Operation, Sum
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
-from trussflow.blocks.framework.symbol import Symbol, value_text
+from trussflow.blocks.framework.symbol import Symbol
 
 LETTER_WIDTH = 6.7
 """Width of a letter of 11 px in a font of equal widths [px]."""
 
-NAME_HEIGHT, CAPTION_HEIGHT, FOOT_HEIGHT = 17.0, 12.0, 8.0
-"""Heights of the name and of a caption, and of the margin below the ports of a block [px]."""
+NAME_HEIGHT, CAPTION_HEIGHT = 17.0, 12.0
+"""Heights of the name and of a caption [px]."""
 
 LINE_HEIGHT, BAR_HEIGHT = 14.0, 4.0
 """Heights of a line and of the bar of a fraction in a symbol [px]."""
@@ -39,8 +39,8 @@ SYMBOL_MARGIN = 5.0
 MAX_NAME_LENGTH = 28
 """Largest number of letters of a name; the tooltip has the complete name."""
 
-MAX_PARAMETERS, MAX_FREE_PORTS = 4, 2
-"""Largest numbers of parameters and of unused ports that a block without symbol shows."""
+MAX_FREE_PORTS = 2
+"""Largest number of unused ports that a block without symbol shows."""
 
 RAISED = re.compile(r"\^\((.*?)\)")
 """Pattern of superscripts."""
@@ -74,7 +74,7 @@ class Figure:
     ----------
     block : Block
         The block.
-    symbol : Symbol or None
+    symbol : Symbol
         Its symbol.
     box : Box
         Its box.
@@ -89,7 +89,7 @@ class Figure:
     """
 
     block: Block
-    symbol: Symbol | None
+    symbol: Symbol
     box: Box
     outline: tuple[float, float, float, float]
     middle: float
@@ -167,11 +167,11 @@ def rows(diagram: Diagram, block: Block) -> tuple[list[Row], list[Row]]:
 
 
 def shown_rows(
-    diagram: Diagram, block: Block, symbol: Symbol | None, used: set[str]
+    diagram: Diagram, block: Block, symbol: Symbol, used: set[str]
 ) -> list[list[Row]]:
     """Return the rows that are drawn.
 
-    A `symbol` replaces names of ports. Without symbol, many unused ports are not drawn.
+    Text, curve or signs replace the name of a single input or output. Without them, many unused ports are not drawn.
 
     Parameters
     ----------
@@ -179,103 +179,68 @@ def shown_rows(
         The diagram.
     block : Block
         A block in it.
-    symbol : Symbol or None
+    symbol : Symbol
         Its symbol.
     used : set of str
         Paths of the connected outputs.
     """
     sides = rows(diagram, block)
-    if symbol is None:
-        free = [
-            row
-            for row in (*sides[0], *sides[1])
-            if not (row.key or row.note or row.port.path in used)
+    if symbol.text or symbol.curve or symbol.pins:
+        signs = dict(zip(block.inputs(), symbol.pins, strict=False))
+        return [
+            [
+                replace(row, name=signs.get(row.port, row.name * (len(side) > 1)))
+                for row in side
+            ]
+            for side in sides
         ]
-        hidden = free if len(free) > MAX_FREE_PORTS else []
-        return [[row for row in side if row not in hidden] for side in sides]
-    signs = dict(zip(block.inputs(), symbol.pins, strict=False))
-    return [
-        [
-            replace(
-                row,
-                name=signs.get(
-                    row.port,
-                    row.name if len(side) > 1 and symbol.outline != "circle" else "",
-                ),
-            )
-            for row in side
-        ]
-        for side in sides
+    free = [
+        row
+        for row in (*sides[0], *sides[1])
+        if not (row.key or row.note or row.port.path in used)
     ]
+    hidden = free if len(free) > MAX_FREE_PORTS else []
+    return [[row for row in side if row not in hidden] for side in sides]
 
 
-def labels(block: Block, symbol: Symbol | None, hidden: int) -> tuple[str, list[str]]:
-    """Return name and captions of a `block` with this `symbol`; a number of its ports is `hidden` [-]."""
-    if symbol is None:
-        kind = type(block).__name__
-        if isinstance(block, Diagram):
-            kind = f"{len(block.blocks)} blocks"
-        captions = [brief(kind)]
-        scalars = {n: v for n, v in block.parameters.items() if not v.ndim}
-        if len(scalars) <= MAX_PARAMETERS:
-            captions += [brief(f"{n} = {value_text(v)}") for n, v in scalars.items()]
-        return brief(block.name), captions + [f"{hidden} more ports"] * bool(hidden)
+def figure_of(block: Block, symbol: Symbol, sides: list[list[Row]]) -> Figure:
+    """Return the figure of a `block` with this `symbol` and these rows on both `sides`, without pins."""
+    hidden = len(block.ports) - len({row.port.name for side in sides for row in side})
+    captions = [brief(symbol.caption)] * bool(symbol.caption)
+    captions += [f"{hidden} more ports"] * bool(hidden)
     # Port arithmetic makes names such as multiply_1.
     own = block.function.__name__ if isinstance(block, Operation) else "sum"
     made = isinstance(block, Sum | Operation) and re.fullmatch(
         rf"{own}_\d+", block.name
     )
-    return "" if made else brief(block.name), list(filter(None, [symbol.caption]))
-
-
-def size_of(symbol: Symbol, sides: list[list[Row]]) -> tuple[float, float, float]:
-    """Return width and height of the outline of a `symbol`, and the middle of its content [px].
-
-    Its inputs and outputs have the rows `sides`.
-    """
+    name = "" if made else brief(block.name)
+    # `breadth` is for 11 px; names have 12 px, captions 9 px.
+    below = max(breadth(name) * 12, *(breadth(line) * 9 for line in [*captions, ""]))
+    below /= 11
+    count = max(map(len, sides))
+    if symbol.outline == "circle":
+        tall = max(JUNCTION_SIZE, JUNCTION_PITCH * count)
+        box = Box(JUNCTION_SIZE + below, tall + 2 * JUNCTION_LEAD, junction=True)
+        outline = (0.0, JUNCTION_LEAD, JUNCTION_SIZE, tall)
+        return Figure(block, symbol, box, outline, JUNCTION_SIZE / 2, name, captions)
     lines = symbol.text.split("\n")
-    width = max(20.0, *map(breadth, lines)) + 2 * SYMBOL_MARGIN
-    height = sum(BAR_HEIGHT if line == "-" else LINE_HEIGHT for line in lines)
+    inner = max(20.0, *map(breadth, lines)) + 2 * SYMBOL_MARGIN
+    tall = sum(BAR_HEIGHT if line == "-" else LINE_HEIGHT for line in lines)
     if symbol.curve:
-        width, height = CURVE_SIZE[0] + 2 * SYMBOL_MARGIN, CURVE_SIZE[1]
-    if symbol.outline == "triangle":
-        # The text is in the wide half.
-        return 1.4 * width, height + 20, 0.5 * width
+        inner, tall = CURVE_SIZE[0] + 2 * SYMBOL_MARGIN, CURVE_SIZE[1]
     left, right = (
         max((breadth(row.name) + 8 for row in side if row.name), default=0.0)
         for side in sides
     )
-    rise = max(height + 2 * SYMBOL_MARGIN, PIN_PITCH * max(map(len, sides)) + 4)
-    return left + width + right, rise, left + width / 2
-
-
-def figure_of(block: Block, symbol: Symbol | None, sides: list[list[Row]]) -> Figure:
-    """Return the figure of a `block` with this `symbol` and these rows on both `sides`, without pins."""
-    hidden = len(block.ports) - len({row.port.name for side in sides for row in side})
-    name, captions = labels(block, symbol, hidden)
-    # `breadth` is for 11 px; names have 12 px, captions 9 px.
-    head = (
-        max(breadth(name) * 12, *(breadth(line) * 9 for line in [*captions, ""])) / 11
-    )
+    width, middle = left + inner + right, left + inner / 2
+    tall = max(tall + 2 * SYMBOL_MARGIN, PIN_PITCH * count + 4)
+    if symbol.outline == "triangle":
+        # The text is in the wide half.
+        width, tall, middle = 1.4 * inner, tall + 10, inner / 2
     low = NAME_HEIGHT * bool(name) + CAPTION_HEIGHT * len(captions)
-    count = max(map(len, sides))
-    if symbol is None:
-        names = sum(max((breadth(r.name) for r in side), default=0.0) for side in sides)
-        box = Box(
-            max(head + 16, names + 24), low + 10 + count * PIN_PITCH + FOOT_HEIGHT
-        )
-        outline, middle = (0.0, 0.0, box.width, box.height), 0.0
-    elif symbol.outline == "circle":
-        tall = max(JUNCTION_SIZE, JUNCTION_PITCH * count)
-        box = Box(JUNCTION_SIZE + head, tall + 2 * JUNCTION_LEAD, junction=True)
-        outline = (0.0, JUNCTION_LEAD, JUNCTION_SIZE, tall)
-        middle = JUNCTION_SIZE / 2
-    else:
-        width, tall, middle = size_of(symbol, sides)
-        box = Box(max(width, head), tall + low)
-        x = (box.width - width) / 2
-        outline, middle = (x, 0.0, width, tall), x + middle
-    return Figure(block, symbol, box, outline, middle, name, captions)
+    box = Box(max(width, below), tall + low)
+    x = (box.width - width) / 2
+    return Figure(block, symbol, box, (x, 0.0, width, tall), x + middle, name, captions)
 
 
 def scene_of(diagram: Diagram) -> Scene:
@@ -285,16 +250,13 @@ def scene_of(diagram: Diagram) -> Scene:
     ends = [wire.source for wire in diagram.wires if wire.source is not None]
     used = {port.path for inner in (ends, *diagram.exposed.values()) for port in inner}
     for block in diagram.blocks.values():
-        symbol = block.symbol and block.symbol.of(block)
+        symbol = block._symbol.of(block)
         sides = shown_rows(diagram, block, symbol, used)
         figure = figure_of(block, symbol, sides)
         scene.figures.append(figure)
         x, y, width, height = figure.outline
         for side, found in enumerate(sides):
-            # Rows of a symbol are around its middle, others at the bottom.
             dy = y + (height - len(found) * PIN_PITCH) / 2
-            if symbol is None:
-                dy = height - FOOT_HEIGHT - max(map(len, sides)) * PIN_PITCH
             inset = figure.box.width - x - width if side else x
             for i, row in enumerate(found):
                 note = breadth(row.note) * 9 / 11 + 6 if row.note else 0.0

@@ -174,7 +174,7 @@ def hover(block: Block) -> str:
 def outlined(figure: Figure, kind: str) -> Iterator[str]:
     """Yield the outline of a `figure`, an element of the class `kind`."""
     x, y, width, height = figure.outline
-    if figure.symbol is not None and figure.symbol.outline == "triangle":
+    if figure.symbol.outline == "triangle":
         path = f"M{x:g} {y:g}v{height:g}l{width:g} {-height / 2:g}z"
         yield f'<path class="{kind}" d="{path}"/>'
         return
@@ -191,10 +191,8 @@ def outlined(figure: Figure, kind: str) -> Iterator[str]:
 def inscribed(figure: Figure) -> Iterator[str]:
     """Yield the symbol, the name and the captions of a `figure`."""
     _, y, _, height = figure.outline
-    x, end, low = 8.0, "", 17.0
-    if figure.symbol is not None:
-        yield from symbol_of(figure.symbol, figure.middle, y + height / 2)
-        x, end, low = figure.box.width / 2, "middle", y + height + 13
+    yield from symbol_of(figure.symbol, figure.middle, y + height / 2)
+    x, end, low = figure.box.width / 2, "middle", y + height + 13
     if figure.box.junction:
         x, end, low = JUNCTION_SIZE - 6, "", 10.0
     if figure.name:

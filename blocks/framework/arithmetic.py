@@ -107,10 +107,7 @@ class Sum(Block):
         super().__init__()
 
     @property
-    def symbol(self) -> Symbol:
-        """Summing junction, or a triangle for one input."""
-        if len(self.signs) == 1:
-            return Symbol("−1" if self.signs == "-" else "1", outline="triangle")
+    def _symbol(self) -> Symbol:
         return Symbol(outline="circle", pins=self.signs.replace("-", "−"))
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -237,8 +234,7 @@ class Operation(Block):
         return text if len(self.inputs()) == 2 else re.sub("u[12]", "u", text)
 
     @property
-    def symbol(self) -> Symbol:
-        """Product as a circle, constant factor as a triangle, otherwise the formula."""
+    def _symbol(self) -> Symbol:
         if self.function is not np.multiply:
             return Symbol("{formula}")
         if len(self.inputs()) == 2:

@@ -527,9 +527,8 @@ class Block(Wired, Equations, Described):
         return self.states_own("derivative")
 
     @property
-    def symbol(self) -> Symbol | None:
-        """Symbol in pictures of diagrams, as in a textbook; by default none: the name of the class is drawn."""
-        return None
+    def _symbol(self) -> Symbol:
+        return Symbol(caption=type(self).__name__)
 
     @property
     def hides(self) -> bool:

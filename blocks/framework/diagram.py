@@ -14,6 +14,7 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.connection_check import overlap, same, unite
 from trussflow.blocks.framework.netlist import Netlist
 from trussflow.blocks.framework.port import Port, is_port, port_text
+from trussflow.blocks.framework.symbol import Symbol
 from trussflow.blocks.support.call_site import call_site
 from trussflow.blocks.support.files import replaced
 from trussflow.blocks.support.summary import Description
@@ -30,6 +31,10 @@ class Picture(str):
     """SVG text that notebooks show as a picture."""
 
     __slots__ = ()
+
+    @property
+    def _symbol(self) -> Symbol:
+        return Symbol(caption=f"{len(self.blocks)} blocks")
 
     def _repr_svg_(self) -> str:
         return self
@@ -467,6 +472,10 @@ class Diagram(Netlist):
 
     _live_page: ClassVar[Callable[..., Path | None]]
     """Function that writes or serves a live page, set by the package `live`, which imports this one."""
+
+    @property
+    def _symbol(self) -> Symbol:
+        return Symbol(caption=f"{len(self.blocks)} blocks")
 
     def _repr_svg_(self) -> str:
         return self.draw()

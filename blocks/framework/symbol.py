@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from string import Formatter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,11 +24,15 @@ NO_LIMIT = 1e100
 """Magnitude from which numbers are drawn as infinite [any]."""
 
 
+FIELD = re.compile(r"\{(\w+):?(\w*)\}")
+"""Pattern of a value in a symbol."""
+
+
 @dataclass(frozen=True, slots=True)
 class Symbol:
-    """Symbol of a block in pictures, as in a textbook: the class attribute or property ``symbol``.
+    """Symbol of a block in pictures, as in a textbook: the class attribute or property ``_symbol``.
 
-    In `text`, `pins` and `caption`, ``{name}`` is the value of a parameter or attribute of the block,
+    In `text` and `caption`, ``{name}`` is the value of a parameter or attribute of the block,
     ``{name:s}`` a polynomial in s with these coefficients (s or z), ``{A:A}`` the matrix A, or the letter if
     it is large. ``^(...)`` is a superscript.
 
@@ -50,8 +54,8 @@ class Symbol:
     >>> from trussflow.blocks import Block, Parameter, Symbol
     >>> class Spring(Block):
     ...     stiffness = Parameter(4.0, unit="N/m")
-    ...     symbol = Symbol("k = {stiffness} N/m")
-    >>> Spring().symbol.of(Spring()).text
+    ...     _symbol = Symbol("k = {stiffness} N/m")
+    >>> Spring()._symbol.of(Spring()).text
     'k = 4 N/m'
     """
 
@@ -63,31 +67,19 @@ class Symbol:
 
     def of(self, block: Block) -> Symbol:
         """Return the symbol with the values of a `block`."""
-        fill, below = _Filling(block), _Filling(block)
-        caption = below.format(self.caption).strip()
-        usual = below.used and set(below.used) <= {"0", "∞", "−∞"}
+
+        def shown(field: re.Match[str]) -> str:
+            name, form = field.groups()
+            value = block.parameters.get(name, getattr(block, name, ""))
+            return (polynomial if form in {"s", "z"} else value_text)(value, form)
+
+        caption = FIELD.sub(shown, self.caption).strip()
+        values = set(re.findall(r"\b[\d.]+|∞", caption))
         return replace(
             self,
-            text=fill.format(self.text).strip(),
-            pins=fill.format(self.pins),
-            caption="" if usual else caption,
+            text=FIELD.sub(shown, self.text).strip(),
+            caption="" if values and values <= {"0", "∞"} else caption,
         )
-
-
-class _Filling(Formatter):
-    """Formatter that takes the values of a block; `used` has their texts."""
-
-    def __init__(self, block: Block) -> None:
-        self.block = block
-        self.used: list[str] = []
-
-    def get_value(self, key: Any, args: Any, kwargs: Any) -> Any:
-        return self.block.parameters.get(key, getattr(self.block, key, "?"))
-
-    def format_field(self, value: Any, form: str) -> str:
-        given = polynomial if form in {"s", "z"} else value_text
-        self.used.append(given(value, form))
-        return self.used[-1]
 
 
 def value_text(value: Any, large: str = "") -> str:

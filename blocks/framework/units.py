@@ -68,13 +68,6 @@ def _registry() -> pint.UnitRegistry[float]:
     return pint.UnitRegistry()
 
 
-def quotient(numerator: str, denominator: str) -> str:
-    """Return the unit of a `numerator` by that of a `denominator` as text; it is empty if they are equal."""
-    if numerator == denominator:
-        return ""
-    return f"{parse(numerator) / parse(denominator):~P}".removeprefix("1")
-
-
 @cache
 def parse(unit: str) -> pint.Unit:
     """Return the pint unit of a string such as ``"N*m"``; ``""`` and ``"1"`` are dimensionless.

@@ -13,7 +13,7 @@ from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
 from trussflow.blocks.framework.port import INFERRED, Input, Output
 from trussflow.blocks.framework.symbol import Symbol
-from trussflow.blocks.framework.units import Unit, quotient
+from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.signals import Shaped, ShapeLike, WrappedFunction
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.support.validation import finite_array
@@ -50,7 +50,7 @@ class Gain(Shaped):
         INFERRED, unit=Attribute("output_unit"), frame=INFERRED, meaning="the product"
     )
     gain = Parameter(shape=None, meaning="k: factor")
-    symbol = Symbol("{gain} {gain_unit}", outline="triangle")
+    _symbol = Symbol("{gain}", outline="triangle")
 
     def __init__(
         self,
@@ -71,12 +71,6 @@ class Gain(Shaped):
         self.input_unit = INFERRED if unchecked else input_unit
         self.output_unit = INFERRED if unchecked else output_unit
         super().__init__(shape, gain=factors)
-
-    @property
-    def gain_unit(self) -> str:
-        """Unit of the gain; it is empty if that of the input or of the output is unknown."""
-        y, u = self.output_unit, self.input_unit
-        return quotient(y, u) if isinstance(y, str) and isinstance(u, str) else ""
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the product."""
@@ -102,7 +96,7 @@ class MatrixGain(Block):
     u = Input("columns", unit=Attribute("input_unit"), meaning="vector to multiply")
     y = Output("rows", unit=Attribute("output_unit"), meaning="the product")
     gain = Parameter(shape=None, meaning="K: matrix")
-    symbol = Symbol("{gain:K} u")
+    _symbol = Symbol("{gain:K} u")
 
     def __init__(
         self, gain: npt.ArrayLike, *, input_unit: Unit = None, output_unit: Unit = None
@@ -182,4 +176,4 @@ class Terminator(Block):
     """Sink of an unused signal."""
 
     u = Input(INFERRED, unit=INFERRED, frame=INFERRED, meaning="not used")
-    symbol = Symbol(curve="M0 12h18M18 3v18M23 7v10M28 10v4")
+    _symbol = Symbol(curve="M0 12h18M18 3v18M23 7v10M28 10v4")

@@ -37,7 +37,7 @@ class Integrator(Shaped):
     y = Output(INFERRED, unit=Attribute("unit"), meaning="integral of the input")
     integral = State(INFERRED, initial="initial_value", meaning="integral of the input")
     initial_value = Parameter(0.0, shape=None, meaning="integral at time 0")
-    symbol = Symbol("1\n-\ns", caption="from {initial_value}")
+    _symbol = Symbol("1\n-\ns", caption="from {initial_value}")
 
     def __init__(
         self,
@@ -89,7 +89,7 @@ class StateSpace(Linear):
         If the initial value has another size.
     """
 
-    symbol = Symbol("ẋ = {A:A} x + {B:B} u\ny = {C:C} x + {D:D} u")
+    _symbol = Symbol("ẋ = {A:A} x + {B:B} u\ny = {C:C} x + {D:D} u")
 
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return A x + B u."""
@@ -123,7 +123,7 @@ class TransferFunction(StateSpace):
     array([[-2.]])
     """
 
-    symbol = Symbol("{numerator:s}\n-\n{denominator:s}")
+    _symbol = Symbol("{numerator:s}\n-\n{denominator:s}")
 
     def __init__(
         self,

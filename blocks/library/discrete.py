@@ -55,7 +55,7 @@ class UnitDelay(Shaped):
         INFERRED, initial="initial_value", meaning="input of the sample before"
     )
     initial_value = Parameter(shape=None, meaning="y_0: output of the first sample")
-    symbol = Symbol("z^(−1)", caption="from {initial_value}")
+    _symbol = Symbol("z^(−1)", caption="from {initial_value}")
 
     def __init__(
         self,
@@ -101,7 +101,7 @@ class ZeroOrderHold(Shaped):
     y = Output(
         INFERRED, unit=INFERRED, frame=INFERRED, meaning="last sample of the input"
     )
-    symbol = Symbol(curve="M0 21h9v-7h9v-6h9v-5h9")
+    _symbol = Symbol(curve="M0 21h9v-7h9v-6h9v-5h9")
 
     def __init__(
         self, sample_time: float, *, offset: float = 0.0, shape: ShapeLike = None
@@ -191,7 +191,7 @@ class DiscreteStateSpace(Linear):
         If the initial value has another size.
     """
 
-    symbol = Symbol("x^(+) = {A:A} x + {B:B} u\ny = {C:C} x + {D:D} u")
+    _symbol = Symbol("x^(+) = {A:A} x + {B:B} u\ny = {C:C} x + {D:D} u")
 
     def __init__(
         self,
@@ -248,7 +248,7 @@ class DiscreteTransferFunction(DiscreteStateSpace):
         is not above 0.
     """
 
-    symbol = Symbol("{numerator:z}\n-\n{denominator:z}")
+    _symbol = Symbol("{numerator:z}\n-\n{denominator:z}")
 
     def __init__(
         self,

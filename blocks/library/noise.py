@@ -91,7 +91,7 @@ class Noise(Block):
     )
     mean = Parameter(shape="shape", meaning="mean value")
     seed = Parameter(minimum=0.0, meaning="seed of the random numbers")
-    symbol = Symbol(
+    _symbol = Symbol(
         curve="M2 13l3-6 3 11 3-14 3 15 3-9 3 5 3-12 3 15 3-9 3 6",
         caption="σ = {standard_deviation} {unit}",
     )

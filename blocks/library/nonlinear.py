@@ -52,7 +52,7 @@ class Saturation(Limits):
     """
 
     y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="limited signal")
-    symbol = Symbol(curve="M2 20h8L26 4h8", caption="{lower} to {upper}")
+    _symbol = Symbol(curve="M2 20h8L26 4h8", caption="{lower} to {upper}")
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the limited signal."""
@@ -81,7 +81,7 @@ class DeadZone(Limits):
         frame=INFERRED,
         meaning="distance of the input from the zone",
     )
-    symbol = Symbol(curve="M2 22L11 12H25L34 2", caption="{lower} to {upper}")
+    _symbol = Symbol(curve="M2 22L11 12H25L34 2", caption="{lower} to {upper}")
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the signed distance of the input from the zone."""
@@ -139,7 +139,7 @@ class RateLimiter(Remembering):
     )
     rising = Parameter(shape=None, minimum=0.0, meaning="r: largest rate of increase")
     falling = Parameter(shape=None, minimum=0.0, meaning="f: largest rate of decrease")
-    symbol = Symbol(
+    _symbol = Symbol(
         curve="M2 21h8L26 3h8M10 21V3h16", caption="−{falling} to {rising} per s"
     )
 
@@ -195,7 +195,7 @@ class Backlash(Remembering):
     u = Input(INFERRED, unit=INFERRED, frame=INFERRED, meaning="driving side")
     y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="driven side")
     width = Parameter(shape=None, minimum=0.0, meaning="w: the whole gap")
-    symbol = Symbol(curve="M2 20H20L28 4H34M8 20L16 4H28", caption="gap {width}")
+    _symbol = Symbol(curve="M2 20H20L28 4H34M8 20L16 4H28", caption="gap {width}")
 
     def __init__(
         self, width: npt.ArrayLike, sample_time: float, *, shape: ShapeLike = None
@@ -258,7 +258,7 @@ class Quantizer(Remembering):
     smallest = Parameter(
         shape=None, minimum=0.0, meaning="smallest output that is not 0"
     )
-    symbol = Symbol(curve="M2 21h8v-6h8v-6h8v-6h8", caption="steps of {quantum}")
+    _symbol = Symbol(curve="M2 21h8v-6h8v-6h8v-6h8", caption="steps of {quantum}")
 
     def __init__(
         self,

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import ast
-import contextlib
 import inspect
-import textwrap
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -26,7 +23,7 @@ ShapeLike = int | tuple[int, ...] | None
 """A size, a shape, or None for a shape inferred from the wires."""
 
 MAX_FORMULA_LENGTH = 36
-"""Largest number of letters of an expression or a call in a symbol."""
+"""Largest number of letters of a call in a symbol."""
 
 
 class Shaped(Block):
@@ -144,7 +141,7 @@ class WrappedFunction(Block):
         has another number of arguments.
     """
 
-    symbol = Symbol("{formula}")
+    _symbol = Symbol("{formula}")
 
     def __init__(
         self,
@@ -188,23 +185,11 @@ class WrappedFunction(Block):
 
     @property
     def formula(self) -> str:
-        """Expression that a short function returns as text, otherwise the call of the function."""
+        """Call of the function as text."""
         name = getattr(self._function, "__name__", "f").replace("<lambda>", "f")
-        texts = [
-            f"{name}({', '.join(port.name for port in self.inputs())})",
-            f"{name}(…)",
-        ]
-        with contextlib.suppress(OSError, TypeError, SyntaxError):
-            tree = ast.parse(textwrap.dedent(inspect.getsource(self._function)))
-            match tree.body:
-                case [ast.FunctionDef(body=[*doc, ast.Return(ast.expr() as value)])]:
-                    if all(isinstance(line, ast.Expr) for line in doc):
-                        texts.insert(0, ast.unparse(value).replace("np.", ""))
-        return next(
-            text
-            for text in texts
-            if len(text) <= MAX_FORMULA_LENGTH or text == texts[-1]
-        )
+        text = f"{name}({', '.join(port.name for port in self.inputs())})"
+        limit = MAX_FORMULA_LENGTH
+        return text if len(text) <= limit else f"{name[: limit - 3]}(…)"
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the results of the function by output."""

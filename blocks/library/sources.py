@@ -65,7 +65,7 @@ class Constant(Source):
     """
 
     value = Parameter(shape="shape", meaning="the value")
-    symbol = Symbol("{value} {unit}")
+    _symbol = Symbol("{value} {unit}")
 
     def __init__(
         self, value: npt.ArrayLike, *, unit: Unit = None, frame: str | None = None
@@ -87,7 +87,7 @@ class Ground(Shaped):
     """
 
     y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="zero")
-    symbol = Symbol("0")
+    _symbol = Symbol("0")
 
     def __init__(self, shape: ShapeLike = None) -> None:
         super().__init__(shape)
@@ -121,7 +121,7 @@ class Step(Source):
 
     initial_value = Parameter(shape="shape", meaning="y_0: value before the step")
     final_value = Parameter(shape="shape", meaning="y_1: value from the step on")
-    symbol = Symbol(
+    _symbol = Symbol(
         curve="M2 20h16V5h16",
         caption="{initial_value} to {final_value} {unit} at {time} s",
     )
@@ -168,7 +168,7 @@ class Ramp(Source):
 
     slope = Parameter(shape="shape", meaning="a: rate of growth")
     initial_value = Parameter(shape="shape", meaning="y_0: value before the start")
-    symbol = Symbol(
+    _symbol = Symbol(
         curve="M2 20h12L34 3", caption="{slope} (t − {start_time} s) {unit}"
     )
 
@@ -213,7 +213,7 @@ class Sine(Source):
     frequency = Parameter(shape="shape", unit="Hz", meaning="f: frequency")
     phase = Parameter(shape="shape", unit="rad", meaning="φ: phase at time 0")
     bias = Parameter(shape="shape", meaning="b: mean value")
-    symbol = Symbol(
+    _symbol = Symbol(
         curve="M2 12C8-4 12-4 18 12S28 28 34 12",
         caption="{frequency} Hz, {amplitude} {unit}",
     )
@@ -263,7 +263,7 @@ class TimeFunction(Source):
     <output 'TimeFunction.y' (shape (2,))>
     """
 
-    symbol = Symbol("f(t)")
+    _symbol = Symbol("f(t)")
 
     def __init__(
         self,

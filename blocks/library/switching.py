@@ -66,7 +66,7 @@ class Relay(Shaped):
     lower = Parameter(shape=None, meaning="l: level at which it switches off")
     on = Parameter(shape=None, meaning="y_1: output while on")
     off = Parameter(shape=None, meaning="y_0: output while off")
-    symbol = Symbol(
+    _symbol = Symbol(
         curve="M2 20h20V4M14 20V4h20", caption="{off} or {on}; at {lower}, {upper}"
     )
 
@@ -140,7 +140,7 @@ class Switch(Shaped):
     y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="the selected signal")
     reached = Mode(0.0, "number", meaning="whether each threshold is reached")
     rises, falls = Event("rising", "number"), Event("falling", "number")
-    symbol = Symbol(
+    _symbol = Symbol(
         curve="M0 4h10L26 11M0 20h10M27 12h9", caption="control at {thresholds}"
     )
 
@@ -219,7 +219,7 @@ class Pulse(Source):
     edge = Event("time")
     high = Parameter(shape="shape", meaning="y_1")
     low = Parameter(shape="shape", meaning="y_0")
-    symbol = Symbol(
+    _symbol = Symbol(
         curve="M2 20h6V4h8v16h8V4h8v16", caption="{period} s, {low} or {high} {unit}"
     )
 
@@ -300,7 +300,7 @@ class LimitedIntegrator(Integrator):
     leaves_high, leaves_low = Event("falling", INFERRED), Event("rising", INFERRED)
     lower = Parameter(shape=None, meaning="l: lower limit")
     upper = Parameter(shape=None, meaning="h: upper limit")
-    symbol = Symbol("1\n-\ns", caption="from {initial_value}, {lower} to {upper}")
+    _symbol = Symbol("1\n-\ns", caption="from {initial_value}, {lower} to {upper}")
 
     def __init__(
         self,
@@ -390,7 +390,7 @@ class StopWhen(Block):
 
     u = Input(meaning="signal that ends the run")
     ends = Event("rising")
-    symbol = Symbol("STOP")
+    _symbol = Symbol("STOP")
 
     def __init__(self, message: object = "") -> None:
         self.message = f" {message}" if isinstance(message, str) and message else ""

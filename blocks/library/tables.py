@@ -88,7 +88,7 @@ class Table(Block):
 
     u = Input(INFERRED, unit=Attribute("input_unit"), meaning="independent variable")
     y = Output(INFERRED, unit=Attribute("output_unit"), meaning="interpolated value")
-    symbol = Symbol(curve="M2 21L10 14L18 12L26 5L34 3")
+    _symbol = Symbol(curve="M2 21L10 14L18 12L26 5L34 3")
 
     def __init__(
         self,
@@ -150,7 +150,7 @@ class GridTable(Block):
     """
 
     y = Output("shape", unit=Attribute("output_unit"), meaning="interpolated value")
-    symbol = Symbol(curve="M2 21L10 14L18 12L26 5L34 3M2 15L12 9L22 8L34 1")
+    _symbol = Symbol(curve="M2 21L10 14L18 12L26 5L34 3M2 15L12 9L22 8L34 1")
 
     def __init__(
         self,
@@ -222,7 +222,7 @@ class TimeTable(Block):
     """
 
     y = Output("shape", unit=Attribute("unit"), meaning="interpolated value")
-    symbol = Symbol(curve="M2 20L9 6L18 6L24 16L34 10")
+    _symbol = Symbol(curve="M2 20L9 6L18 6L24 16L34 10")
 
     def __init__(
         self,

@@ -91,7 +91,7 @@ class Spring(Block):
     x = Input()
     force = Output()
     stiffness = Parameter(4.0, unit="N/m")
-    symbol = Symbol("{stiffness} x^(<1>)", caption="soft & <linear>")
+    _symbol = Symbol("{stiffness} x^(<1>)", caption="soft & <linear>")
 
 
 def cubic(u):
