@@ -60,15 +60,6 @@ def by_flow(boxes: list[Box], edges: Edges) -> list[Box]:
     return left + right
 
 
-def depths(order: list[Box], edges: Edges) -> Counter[Box]:
-    """Return the number of boxes on the longest path to each box, by `edges` along the `order`."""
-    rank, depth = {box: i for i, box in enumerate(order)}, Counter[Box]()
-    for a, b in sorted(edges, key=lambda edge: rank[edge[0]]):
-        if rank[a] < rank[b]:
-            depth[b] = max(depth[b], depth[a] + 1)
-    return depth
-
-
 def into_layers(order: list[Box], edges: Edges) -> list[list[Box]]:
     """Return boxes by layer: after their sources by `edges` along the `order`, with short wires."""
     # Sugiyama, step 2: layer assignment, by the linear program of Gansner et al. It has
@@ -76,16 +67,13 @@ def into_layers(order: list[Box], edges: Edges) -> list[list[Box]]:
     rank = {box: i for i, box in enumerate(order)}
     # Feedback edges have no limit, so that they may run to the left. They still have a
     # weight below, so that they are short.
-    first, last = dict[Box, int](), dict[Box, int]()
-    for a, b in edges:
-        first[b] = min(first.get(b, len(order)), rank[a])
-        last[a] = max(last.get(a, 0), rank[b])
+    ahead = [(a, b) for a, b in edges if rank[a] < rank[b]]
+    back = {a for a, _ in edges} - {a for a, _ in ahead}
     limits = [
         (rank[a], rank[b], 1)
-        for a, b in edges
+        for a, b in ahead
         # A box with feedback only, such as an observer, follows its first source.
-        if rank[a] < rank[b]
-        and (rank[a] == first[b] or rank[b] < last.get(b, len(order)))
+        if b not in back or rank[a] == min(rank[c] for c, d in ahead if d is b)
     ]
     # Exposed inputs are in layers before all blocks, exposed outputs after them.
     limits += [

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-import math
+from itertools import pairwise
 from random import Random
 
 from trussflow.blocks.drawing.graph import Box, Channels, Net, Pin
-from trussflow.blocks.drawing.layering import (
-    by_flow,
-    depths,
-    edges_of,
-    into_layers,
-    rails,
-)
+from trussflow.blocks.drawing.layering import by_flow, edges_of, into_layers, rails
 from trussflow.blocks.drawing.ordering import Ordering
 from trussflow.blocks.drawing.placing import place
 from trussflow.blocks.drawing.routing import route, tracks
@@ -102,7 +96,7 @@ def ordered(
         # another local optimum.
         chance.shuffle(mixed)
     order = by_flow(mixed, edges)
-    depth, layers = depths(order, edges), into_layers(order, edges)
+    layers = into_layers(order, edges)
     junctions = [box for box in boxes if box.junction]
     source = {pin: net.source.box for net in nets for pin in net.targets}
     for box in junctions:
@@ -117,10 +111,11 @@ def ordered(
     for box in junctions:
         # The longest path runs straight through the junction.
         pins = box.sides[0]
-        box.join(max(pins, key=lambda p: -1 if p.last else depth[source.get(p, box)]))
+        box.join(
+            max(pins, key=lambda p: -1 if p.last else order.index(source.get(p, box)))
+        )
     place(layers, channels, BOX_GAP)
     for layer in layers:
-        for i, box in enumerate(layer):
-            below = (other.y for other in layer[i + 1 :] if other.width)
-            box.floor = next(below, math.inf)
+        for box, below in pairwise(box for box in layer if box.width):
+            box.floor = below.y
     return layers, channels

@@ -189,7 +189,13 @@ def shown_rows(
         signs = dict(zip(block.inputs(), symbol.pins, strict=False))
         return [
             [
-                replace(row, name=signs.get(row.port, row.name * (len(side) > 1)))
+                replace(
+                    row,
+                    name=signs.get(
+                        row.port,
+                        row.name * (len(side) > 1 and symbol.outline != "circle"),
+                    ),
+                )
                 for row in side
             ]
             for side in sides
@@ -224,7 +230,7 @@ def figure_of(block: Block, symbol: Symbol, sides: list[list[Row]]) -> Figure:
         outline = (0.0, JUNCTION_LEAD, JUNCTION_SIZE, tall)
         return Figure(block, symbol, box, outline, JUNCTION_SIZE / 2, name, captions)
     lines = symbol.text.split("\n")
-    inner = max(20.0, *map(breadth, lines)) + 2 * SYMBOL_MARGIN
+    inner = max(20.0 * bool(symbol.text), *map(breadth, lines)) + 2 * SYMBOL_MARGIN
     tall = sum(BAR_HEIGHT if line == "-" else LINE_HEIGHT for line in lines)
     if symbol.curve:
         inner, tall = CURVE_SIZE[0] + 2 * SYMBOL_MARGIN, CURVE_SIZE[1]
