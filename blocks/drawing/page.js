@@ -1,6 +1,4 @@
-"use strict";
 const MARGIN = 48, HEAD = 44, FOOT = 10, RADIUS = 13; // around the content of an open group; of a junction [px]
-const COLOURS = ["#1f77e0", "#d9730d", "#0e9f6e", "#db2777", "#8b5cf6", "#7f8c1d", "#0891b2", "#b45309"];
 const picture = document.getElementById("picture"), svg = picture.querySelector("svg");
 const camera = svg.querySelector(".view").parentNode, keys = svg.querySelector(".keys");
 const data = JSON.parse(document.getElementById("data").textContent);
@@ -58,20 +56,19 @@ function arrange(view) {
   }
   view.blocks.forEach((block) => place(block, moved));
   for (const [path, d] of view.paths) {
-    set(path, { d: d.split("M").slice(1).map((part) => `M${pulled(part.split("L"), moved).join("L")}`).join("") });
+    set(path, { d: d.split("M").slice(1).map((part) => `M${pulled(part.split("L"), moved).join("L")}${part.endsWith("h0") ? "h0" : ""}`).join("") });
   }
   for (const [text, x, y] of view.texts) set(text, { x: moved("x", x), y: moved("y", y) });
   return [moved("x", view.width + 1), moved("y", view.height + 1)];
 }
 
-// The points of a wire, or of an arrowhead or dot; those at the top or bottom of a circle move with its middle.
+// The points of a wire; an end at the top or bottom of a circle moves with its middle.
 function pulled(points, moved) {
-  const places = points.map((point) => point.match(/^([-\d.e]+) ([-\d.e]+)(?:l-3.5 (-?7))?/)).map(([, ...found]) => found.map(Number));
-  const [[x, y, head], [before, from] = []] = places.slice(-2).reverse();
-  const side = Math.sign(head || (before === x && from - y));
+  const places = points.map((point) => point.split(" ").map(parseFloat)), [[x, y], [before, from] = []] = places.slice(-2).reverse();
+  const side = before === x ? RADIUS * Math.sign(from - y) : 0;
   return places.map(([left, top], i) => {
-    const by = i === places.length - 1 ? side * RADIUS : 0;
-    return points[i].replace(/^\S+ [-\d.e]+/, `${moved("x", left)} ${moved("y", top - by) + by}`);
+    const by = i === places.length - 1 ? side : 0;
+    return `${moved("x", left)} ${moved("y", top - by) + by}`;
   });
 }
 
@@ -80,7 +77,7 @@ function place(block, moved) {
   const left = moved("x", block.x), top = row === null ? moved("y", block.y) : moved("y", block.y + row) - row;
   const inside = (y) => (row === null ? moved("y", block.y + y) - top : y);
   set(element, { transform: `translate(${left},${top})` });
-  for (const [text, y] of block.texts) set(text, { y: inside(y) });
+  for (const [text, y] of block.texts) set(text, { y: open && text.classList.contains("name") ? 17 : inside(y) });
   for (const [rect, y, width, height] of block.rects) {
     set(rect, { y: inside(y), width, height: inside(y + height) - inside(y) });
     if (open) set(rect, { width: block.size.x - block.w + width, height: block.size.y - block.h + height });
@@ -192,58 +189,22 @@ search.addEventListener("keydown", (event) => {
 
 // ---- chart of a signal
 
-const panel = document.getElementById("chart"), canvas = panel.querySelector("canvas");
-let shown = null;
+const panel = document.getElementById("chart"), close = panel.querySelector("button");
+const time = { label: "time", unit: "s", range: null, changed: () => chart.show(data) };
+let chart = null;
 for (const signal of svg.querySelectorAll(".signal")) signal.classList.toggle("plotted", signal.dataset.path in data.signals);
 
-function ticks(low, high) {
-  const rough = (high - low) / 5, power = 10 ** Math.floor(Math.log10(rough));
-  const step = [1, 2, 5, 10].map((factor) => factor * power).find((one) => one >= rough);
-  const places = [];
-  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k += 1) places.push(+(k * step).toPrecision(12));
-  return places;
-}
-
 function plot(path) {
-  shown = path;
   panel.hidden = path === null;
   for (const signal of svg.querySelectorAll(".signal")) signal.classList.toggle("shown", signal.dataset.path === path);
-  if (path === null) return;
-  const { name, lines } = data.signals[path], time = data.time, pen = canvas.getContext("2d");
-  const { width, height } = canvas.getBoundingClientRect(), ratio = window.devicePixelRatio;
-  Object.assign(canvas, { width: width * ratio, height: height * ratio });
-  pen.scale(ratio, ratio);
-  const values = lines.flatMap((line) => line.values).filter((value) => value !== null);
-  let [low, high] = values.length ? [Math.min(...values), Math.max(...values)] : [0, 1];
-  if (high - low < 1e-12 * Math.max(Math.abs(low), Math.abs(high), 1e-300)) [low, high] = [low - (Math.abs(low) || 1) / 2, high + (Math.abs(high) || 1) / 2];
-  const first = time[0], last = time[time.length - 1] > first ? time[time.length - 1] : first + 1;
-  const x = (t) => 80 + ((t - first) / (last - first)) * (width - 100), y = (v) => height - 34 - ((v - low) / (high - low)) * (height - 62);
-  const style = getComputedStyle(document.documentElement);
-  pen.font = "12px system-ui, sans-serif";
-  pen.fillStyle = style.getPropertyValue("--ink");
-  pen.strokeStyle = "#8886";
-  const write = (text, left, top, align) => { pen.textAlign = align; pen.fillText(text, left, top); };
-  const line = (points) => { pen.beginPath(); points.forEach(([a, b]) => pen.lineTo(a, b)); pen.stroke(); };
-  for (const t of ticks(first, last)) { line([[x(t), 24], [x(t), height - 34]]); write(t, x(t), height - 18, "center"); }
-  for (const v of ticks(low, high)) { line([[80, y(v)], [width - 20, y(v)]]); write(v, 74, y(v) + 4, "right"); }
-  write("time [s]", width - 20, height - 4, "right");
-  write(name, 80, 16, "left");
-  let right = 96 + pen.measureText(name).width;
-  lines.forEach((one, i) => {
-    pen.strokeStyle = pen.fillStyle = COLOURS[i % COLOURS.length];
-    if (lines.length > 1) { write(one.label, right, 16, "left"); right += pen.measureText(one.label).width + 12; }
-    pen.lineWidth = 1.5;
-    pen.beginPath();
-    let gap = true;
-    one.values.forEach((value, k) => {
-      if (value !== null) pen[gap ? "moveTo" : "lineTo"](x(time[k]), y(value));
-      gap = value === null;
-    });
-    pen.stroke();
-  });
+  if (panel.hidden) return;
+  const { unit, lines } = data.signals[path];
+  panel.replaceChildren(close);
+  chart = new Chart(panel, { title: path, unit, curves: lines.map((line, i) => ({ label: `[${i}]`, values: () => line })) }, time);
+  time.changed();
 }
-panel.querySelector("button").addEventListener("click", () => plot(null));
-window.addEventListener("resize", () => { fit(); plot(shown); });
+close.addEventListener("click", () => plot(null));
+window.addEventListener("resize", () => { fit(); if (!panel.hidden) time.changed(); });
 
 svg.removeAttribute("viewBox");
 fit();

@@ -49,25 +49,23 @@ def page_of(diagram: Diagram, result: xr.Dataset | None = None) -> str:
             raise DiagramError(
                 f"the result has no signal of diagram '{diagram.name}'; give the result of its own run"
             )
-    folder = files("trussflow.blocks.drawing")
-    template = folder.joinpath("page.html").read_text(encoding="utf-8")
-    return Template(template).substitute(
+    page, script, chart = (
+        files("trussflow.blocks").joinpath(name).read_text(encoding="utf-8")
+        for name in ("drawing/page.html", "drawing/page.js", "live/chart.js")
+    )
+    return Template(page).substitute(
         title=escape(diagram.name),
         picture=svg_of(diagram, nested=True),
         # A name with </script> would end the element.
         data=json.dumps(data).replace("<", "\\u003c"),
-        script=folder.joinpath("page.js").read_text(encoding="utf-8"),
+        script=chart + script,
     )
 
 
 def _signal(values: xr.DataArray) -> dict[str, Any]:
-    """Return the chart of a logged signal: its name with unit, and its lines."""
-    unit = values.attrs.get("units", "")
+    """Return the unit and the elements of a logged signal."""
     rows = values.to_numpy().reshape(values.sizes["time"], -1)[:, :MAX_LINES]
-    lines = [
-        {"label": f"[{i}]", "values": _numbers(row)} for i, row in enumerate(rows.T)
-    ]
-    return {"name": f"{values.name} [{unit}]" if unit else values.name, "lines": lines}
+    return {"unit": values.attrs.get("units", ""), "lines": [*map(_numbers, rows.T)]}
 
 
 def _numbers(values: np.ndarray[Any, Any]) -> list[float | None]:

@@ -34,6 +34,12 @@ RATE_COLOURS = 6
 MAX_EXACT = 100
 """Largest number of elements that a tooltip shows with all digits."""
 
+ARROWHEAD = (
+    '<marker id="tf-tip" orient="auto" markerUnits="userSpaceOnUse" markerWidth="7" '
+    'markerHeight="7" refX="7" refY="3.5"><path class="tip" d="M0 0v7l7 -3.5z"/></marker>'
+)
+"""Element of the arrowheads of wires."""
+
 PICTURE_MARGIN = 12
 """Margin around the picture [px]."""
 
@@ -67,7 +73,7 @@ def svg_of(diagram: Diagram, *, nested: bool = False) -> str:
     )
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" class="tf" width="{width:g}" height="{height:g}" '
-        f'viewBox="0 0 {width:g} {height:g}"><title>{escape(diagram.name)}</title><style>{style}</style>'
+        f'viewBox="0 0 {width:g} {height:g}"><title>{escape(diagram.name)}</title><style>{style}</style>{ARROWHEAD}'
         f'<rect class="paper" width="{width:g}" height="{height:g}"/>'
         f'<g transform="translate({PICTURE_MARGIN},{PICTURE_MARGIN})">'
         f"{''.join(view(scene, colour, nested))}</g>"
@@ -99,19 +105,15 @@ def view(scene: Scene, colour: Callable[[Block], str], nested: bool) -> Iterator
     """
     yield f'<g class="view" data-size="{scene.width:g} {scene.height:g}">'
     for net, source in scene.wires:
-        line = "".join(
-            "M" + "L".join(f"{x:g} {y:g}" for x, y in path) for path in net.paths
-        )
-        tips = "".join(map(tip, net.paths))
-        # Ends that are 0.01 px apart, as an arc between equal ends is empty.
-        dots = "".join(
-            f"M{x - 2.5:g} {y:g}a2.5 2.5 0 1 1 0 .01z" for x, y in forks(net)
-        )
+        lines = ["M" + "L".join(f"{x:g} {y:g}" for x, y in p) for p in net.paths]
+        # Lines of no length with round ends are dots.
+        dots = "".join(f"M{x:g} {y:g}h0" for x, y in forks(net))
         kind = "wire" if source.whole_shape else "wire scalar"
         # The first path is wide and transparent: the tooltip appears near a wire.
         yield f'<g class="signal" data-path="{escape(source.path)}">{title(source)}'
-        yield f'<path class="near" d="{line}"/><path class="{kind}" d="{line}"/>'
-        yield f'<path class="tip" d="{tips}{dots}"/></g>'
+        yield f'<path class="near" d="{"".join(lines)}"/><path class="dot" d="{dots}"/>'
+        yield from (f'<path class="{kind}" d="{line}"/>' for line in lines)
+        yield "</g>"
     texts = {pin: row for row, pin in scene.pins}
     for figure in scene.figures:
         box, pins = figure.box, [*figure.box.sides[0], *figure.box.sides[1]]
@@ -150,24 +152,15 @@ def labelled(row: Row, pin: Pin, box: Box | None = None) -> Iterator[str]:
         yield f'<text{end} {port} x="{x:g}" y="{y:g}" dy="4">{title(row.port)}{escape(row.name)}</text>'
 
 
-def tip(path: list[Point]) -> str:
-    """Return the arrowhead at the end of a `path`, in SVG notation."""
-    (before, _), (x, y) = path[-2:]
-    if before < x:
-        return f"M{x:g} {y:g}l-7 -3.5v7z"
-    # Wires enter a junction from above or below.
-    return f"M{x:g} {y:g}l-3.5 {7 if path[-2][1] > y else -7}h7z"
-
-
 def hover(block: Block) -> str:
     """Return the tooltip of a `block`: its summary, and its parameters and settings with all digits."""
     facts = [block._described().head]
     for name, value in {**vars(block), **block.parameters}.items():
-        if isinstance(value, np.ndarray):
-            exact = value.tolist() if value.size <= MAX_EXACT else value
+        if isinstance(value, np.ndarray | float) and name[0] != "_":
+            exact = np.array2string(
+                np.asarray(value), threshold=MAX_EXACT, floatmode="unique"
+            )
             facts.append(f"{name} = {exact}")
-        elif isinstance(value, float) and name[0] != "_":
-            facts.append(f"{name} = {value}")
     return "\n".join(facts)
 
 

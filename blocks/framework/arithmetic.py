@@ -55,22 +55,18 @@ RESULT_UNITS = {
 }
 """Unit of the result of other operations, if each operand has a unit."""
 
-FORMULAS = {
-    "add": "{} + {}",
-    "subtract": "{} − {}",
-    "negative": "−{}",
-    "divide": "{} / {}",
-    "power": "{}^({})",
-    "square": "{}^(2)",
-    "sqrt": "√{}",
-    "absolute": "|{}|",
-    "matmul": "{} {}",
-    "greater": "{} > {}",
-    "greater_equal": "{} ≥ {}",
-    "less": "{} < {}",
-    "less_equal": "{} ≤ {}",
+SIGNS = {
+    "add": "+",
+    "subtract": "−",
+    "divide": "/",
+    "power": "^",
+    "matmul": "@",
+    "greater": ">",
+    "greater_equal": "≥",
+    "less": "<",
+    "less_equal": "≤",
 }
-"""Texts of operations by the name of their function; others are written as a call."""
+"""Signs of operations by the name of their function; others are written as a call."""
 
 
 class Sum(Block):
@@ -230,7 +226,8 @@ class Operation(Block):
             each if each in self.ports else value_text(constant)
             for each in ("u1", "u2")[: self.function.nin]
         ]
-        text = FORMULAS.get(name, f"{name}({', '.join(operands)})").format(*operands)
+        text = f" {SIGNS[name]} ".join(operands) if name in SIGNS else ""
+        text = text or f"{name}({', '.join(operands)})"
         return text if len(self.inputs()) == 2 else re.sub("u[12]", "u", text)
 
     @property
