@@ -164,9 +164,8 @@ function openAll(open) {
   blocks.forEach((block) => { block.open = open && Boolean(block.inner); });
   fit();
 }
-document.getElementById("open").addEventListener("click", () => openAll(true));
-document.getElementById("close").addEventListener("click", () => openAll(false));
-document.getElementById("fit").addEventListener("click", fit);
+const actions = { open: () => openAll(true), close: () => openAll(false), fit };
+for (const [id, action] of Object.entries(actions)) document.getElementById(id).addEventListener("click", action);
 for (const id of ["open", "close"]) document.getElementById(id).hidden = !blocks.some((block) => block.inner);
 
 // ---- search

@@ -109,10 +109,10 @@ def view(scene: Scene, colour: Callable[[Block], str], nested: bool) -> Iterator
         # Lines of no length with round ends are dots.
         dots = "".join(f"M{x:g} {y:g}h0" for x, y in forks(net))
         kind = "wire" if source.whole_shape else "wire scalar"
-        # The first path is wide and transparent: the tooltip appears near a wire.
         yield f'<g class="signal" data-path="{escape(source.path)}">{title(source)}'
-        yield f'<path class="near" d="{"".join(lines)}"/><path class="dot" d="{dots}"/>'
-        yield from (f'<path class="{kind}" d="{line}"/>' for line in lines)
+        yield f'<path class="{kind}" d="{"".join(lines)}"/><path class="dot" d="{dots}"/>'
+        # Wide transparent paths with arrowheads: the tooltip appears near a wire.
+        yield from (f'<path class="near" d="{line}"/>' for line in lines)
         yield "</g>"
     texts = {pin: row for row, pin in scene.pins}
     for figure in scene.figures:
