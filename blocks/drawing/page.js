@@ -199,7 +199,7 @@ function plot(path) {
   if (panel.hidden) return;
   const { unit, lines } = data.signals[path];
   panel.replaceChildren(close);
-  chart = new Chart(panel, { title: path, unit, curves: lines.map((line, i) => ({ label: `[${i}]`, values: () => line })) }, time);
+  chart = new Chart(panel, { title: path, unit, curves: lines.map((line, i) => ({ label: lines.length > 1 ? `[${i}]` : "", values: () => line })) }, time);
   time.changed();
 }
 close.addEventListener("click", () => plot(null));

@@ -212,7 +212,7 @@ def shown_rows(
 def figure_of(block: Block, symbol: Symbol, sides: list[list[Row]]) -> Figure:
     """Return the figure of a `block` with this `symbol` and these rows on both `sides`, without pins."""
     hidden = len(block.ports) - len({row.port.name for side in sides for row in side})
-    captions = [brief(symbol.caption)] * bool(symbol.caption)
+    captions = [symbol.caption] * bool(symbol.caption)
     captions += [f"{hidden} more ports"] * bool(hidden)
     # Port arithmetic makes names such as multiply_1.
     own = block.function.__name__ if isinstance(block, Operation) else "sum"

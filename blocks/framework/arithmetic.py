@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,7 +12,7 @@ from trussflow.blocks.errors import BlockError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Parameter, Signals
 from trussflow.blocks.framework.port import INFERRED, Input, Output, Port, Shape
-from trussflow.blocks.framework.symbol import Symbol, value_text
+from trussflow.blocks.framework.symbol import Symbol
 from trussflow.blocks.support.call_site import call_site
 from trussflow.blocks.support.types import Array
 from trussflow.blocks.support.validation import (
@@ -219,24 +218,21 @@ class Operation(Block):
             self.inferred_shape.fix(numbers[0].shape, call_site(), own=True)
 
     @property
-    def formula(self) -> str:
-        """The operation as text, such as ``"u1 / u2"`` or ``"u + 2"``."""
-        name, constant = self.function.__name__, self.parameters.get("constant")
+    def _symbol(self) -> Symbol:
+        name, single = self.function.__name__, len(self.inputs()) == 1
+        if self.function is np.multiply:
+            return (
+                Symbol("{constant}", outline="triangle")
+                if single
+                else Symbol("×", outline="circle")
+            )
         operands = [
-            each if each in self.ports else value_text(constant)
+            "u" * single or each if each in self.ports else "{constant}"
             for each in ("u1", "u2")[: self.function.nin]
         ]
-        text = f" {SIGNS[name]} ".join(operands) if name in SIGNS else ""
-        text = text or f"{name}({', '.join(operands)})"
-        return text if len(self.inputs()) == 2 else re.sub("u[12]", "u", text)
-
-    @property
-    def _symbol(self) -> Symbol:
-        if self.function is not np.multiply:
-            return Symbol("{formula}")
-        if len(self.inputs()) == 2:
-            return Symbol("×", outline="circle")
-        return Symbol("{constant}", outline="triangle")
+        if name in SIGNS:
+            return Symbol(f" {SIGNS[name]} ".join(operands))
+        return Symbol(f"{name}({', '.join(operands)})")
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the function of the operands."""

@@ -32,10 +32,6 @@ class Picture(str):
 
     __slots__ = ()
 
-    @property
-    def _symbol(self) -> Symbol:
-        return Symbol(caption=f"{len(self.blocks)} blocks")
-
     def _repr_svg_(self) -> str:
         return self
 

@@ -71,7 +71,8 @@ class Symbol:
         def shown(field: re.Match[str]) -> str:
             name, form = field.groups()
             value = block.parameters.get(name, getattr(block, name, ""))
-            return (polynomial if form in {"s", "z"} else value_text)(value, form)
+            write: Any = polynomial if form in {"s", "z"} else value_text
+            return str(write(value, form))
 
         caption = FIELD.sub(shown, self.caption).strip()
         values = set(re.findall(r"\b[\d.]+|∞", caption))

@@ -22,7 +22,7 @@ from trussflow.blocks.support.validation import as_shape, by_name, shown
 ShapeLike = int | tuple[int, ...] | None
 """A size, a shape, or None for a shape inferred from the wires."""
 
-MAX_FORMULA_LENGTH = 36
+MAX_CALL_LENGTH = 36
 """Largest number of letters of a call in a symbol."""
 
 
@@ -141,8 +141,6 @@ class WrappedFunction(Block):
         has another number of arguments.
     """
 
-    _symbol = Symbol("{formula}")
-
     def __init__(
         self,
         function: Callable[..., Any],
@@ -184,12 +182,11 @@ class WrappedFunction(Block):
             pass
 
     @property
-    def formula(self) -> str:
-        """Call of the function as text."""
+    def _symbol(self) -> Symbol:
         name = getattr(self._function, "__name__", "f").replace("<lambda>", "f")
         text = f"{name}({', '.join(port.name for port in self.inputs())})"
-        limit = MAX_FORMULA_LENGTH
-        return text if len(text) <= limit else f"{name[: limit - 3]}(…)"
+        short = len(text) <= MAX_CALL_LENGTH
+        return Symbol(text if short else f"{name[:MAX_CALL_LENGTH]}(…)")
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the results of the function by output."""
