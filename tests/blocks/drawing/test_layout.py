@@ -177,6 +177,18 @@ def test_hardly_more_crossings_and_bends_than_elkjs_draws(graph, crossings, bend
     assert own[1] <= MORE_BENDS * bends
 
 
+def wired(*pairs):
+    """Return nets from box to box, each to a new pin in the middle."""
+    return [
+        Net(a.pin(1, a.height / 2), [b.pin(0, b.height / 2) for b in targets])
+        for a, *targets in pairs
+    ]
+
+
+def junction():
+    return Box(JUNCTION_SIZE, 54.0, junction=True)
+
+
 def test_parallel_wires_between_two_boxes_are_straight():
     a, b = Box(50.0, 100.0), Box(50.0, 100.0)
     nets = [Net(a.pin(1, 20.0 + 18 * i), [b.pin(0, 40.0 + 18 * i)]) for i in range(3)]
@@ -185,113 +197,69 @@ def test_parallel_wires_between_two_boxes_are_straight():
     assert a.x < b.x
 
 
-def loop_of_two_sums():
-    """Return boxes a -> b -> c -> a with a source of a and one of b, and their nets."""
-    boxes = [Box(50.0, 40.0) for _ in range(5)]
-    a, b, c, *sources = boxes
-    for box in (a, b):
-        box.junction, box.width, box.height = True, JUNCTION_SIZE, 54.0
-    nets = []
-    for start, end in ((a, b), (b, c), (c, a), (sources[0], a), (sources[1], b)):
-        nets.append(Net(start.pin(1, start.height / 2), [end.pin(0, 20.0)]))
-    return boxes, nets
-
-
 @pytest.mark.parametrize("first", [0, 1])
 def test_negative_input_of_a_sum_is_its_feedback(first):
     """If both sums of a loop have an input, the sum of the subtracted signal comes first."""
-    boxes, nets = loop_of_two_sums()
-    sums = boxes[:2]
-    back = next(
-        pin
-        for net in nets
-        for pin in net.targets
-        if pin.box is sums[first] and net.source.box not in boxes[3:]
-    )
+    sums, others = [junction(), junction()], [Box(50.0, 40.0) for _ in range(3)]
+    (a, b), (c, *sources) = sums, others
+    nets = wired((a, b), (b, c), (c, a), (sources[0], a), (sources[1], b))
+    back = nets[2 * (1 - first)].targets[0]
     back.negative = True
-    layout(boxes, nets)
+    layout([*sums, *others], nets)
     assert sums[first].x < sums[1 - first].x
     assert back.entry == 1  # from below
 
 
-def test_signals_run_on_from_the_source_at_one_height():
-    """A chain with feedback from each box to its start is level, in order, and its feedback is below."""
-    boxes = [Box(50.0, 40.0) for _ in range(6)]
-    first = boxes[1]
-    first.junction, first.width, first.height = True, JUNCTION_SIZE, 54.0
-    nets = [
-        Net(a.pin(1, a.height / 2), [b.pin(0, b.height / 2)])
-        for a, b in pairwise(boxes)
-    ]
-    nets.append(Net(boxes[-1].pin(1, 20.0), [first.pin(0, 40.0)]))
-    shuffled = boxes[::-1]
-    layout(shuffled, nets)
+@pytest.mark.parametrize(("number", "total", "end"), [(6, 1, 5), (5, 2, 3)])
+def test_signals_run_on_at_one_height_and_feedback_is_below(number, total, end):
+    """A chain with feedback from a box to a sum is level and in order."""
+    boxes = [Box(50.0, 40.0) for _ in range(number)]
+    boxes[total] = junction()
+    nets = wired(*pairwise(boxes))
+    if end == number - 1:
+        nets += wired((boxes[end], boxes[total]))
+    else:
+        nets[end].targets.append(boxes[total].pin(0, 40.0))
+    layout(boxes[::-1], nets)
+    back = nets[end].paths[-1]
     assert [box.x for box in boxes] == sorted(box.x for box in boxes)
-    assert len({pin.y for net in nets[:-1] for pin in (net.source, *net.targets)}) == 1
-    low = max(box.y + box.height for box in boxes if not box.junction)
-    assert max(y for _, y in nets[-1].paths[0]) > low
+    chained = nets[: number - 1]
+    assert len({p.y for net in chained for p in (net.source, net.targets[0])}) == 1
+    assert max(y for _, y in back) > max(
+        box.y + box.height for box in boxes if not box.junction
+    )
     # straight up into the sum
-    assert nets[-1].paths[0][-1][0] == nets[-1].paths[0][-2][0]
-    assert len(nets[-1].paths[0]) == 5
-
-
-def test_feedback_from_the_middle_leaves_the_chain_level():
-    boxes = [Box(50.0, 40.0) for _ in range(5)]
-    inner = boxes[2]
-    inner.junction, inner.width, inner.height = True, JUNCTION_SIZE, 54.0
-    nets = [
-        Net(a.pin(1, a.height / 2), [b.pin(0, b.height / 2)])
-        for a, b in pairwise(boxes)
-    ]
-    nets[3].targets.append(inner.pin(0, 40.0))
-    layout(boxes, nets)
-    ends = [pin.y for net in nets for pin in (net.source, net.targets[0])]
-    assert len(set(ends)) == 1
+    assert back[-1][0] == back[-2][0]
+    assert len(back) == 5
 
 
 def test_feedback_does_not_rise_through_a_box_below_a_sum():
     """Two sums in one layer, each with feedback that passes below both."""
-    start, boxes, nets = Box(50.0, 40.0), [], []
-    out = start.pin(1, 20.0)
-    nets.append(Net(out, []))
-    for _ in range(2):
-        total = Box(JUNCTION_SIZE, 54.0, junction=True)
-        plant = Box(50.0, 40.0)
-        nets[0].targets.append(total.pin(0, 27.0))
-        nets.append(Net(total.pin(1, 27.0), [plant.pin(0, 20.0)]))
-        nets.append(Net(plant.pin(1, 20.0), [total.pin(0, 40.0)]))
-        boxes += [total, plant]
-    size = layout([start, *boxes], nets)
-    check_laws([start, *boxes], nets, *size)
+    sums, plants = [junction(), junction()], [Box(50.0, 40.0), Box(50.0, 40.0)]
+    boxes = [Box(50.0, 40.0), *sums, *plants]
+    pairs = zip(sums, plants, strict=True)
+    nets = wired(boxes[:3], *(wire for a, b in pairs for wire in ((a, b), (b, a))))
+    check_laws(boxes, nets, *layout(boxes, nets))
 
 
 def test_box_in_the_feedback_is_beside_its_first_source():
     """An observer of command and motion, whose estimate goes back, makes the picture no wider."""
-    law, plant, observer = boxes = [Box(60.0, 60.0) for _ in range(3)]
-    source, drive = Box(60.0, 30.0), Box(60.0, 30.0)
-    nets = [
-        Net(source.pin(1, 15.0), [law.pin(0, 15.0)]),
-        Net(law.pin(1, 15.0), [drive.pin(0, 15.0), observer.pin(0, 15.0)]),
-        Net(drive.pin(1, 15.0), [plant.pin(0, 15.0)]),
-        Net(plant.pin(1, 15.0), [law.pin(0, 30.0), observer.pin(0, 40.0)]),
-        Net(observer.pin(1, 15.0), [law.pin(0, 45.0)]),
-    ]
-    size = layout([*boxes, source, drive], nets)
+    boxes = [Box(60.0, 60.0) for _ in range(5)]
+    law, plant, observer, source, drive = boxes
+    nets = wired(
+        (source, law),
+        (law, drive, observer),
+        (drive, plant),
+        (plant, law, observer),
+        (observer, law),
+    )
+    for box in boxes:
+        for i, pin in enumerate(box.sides[0]):
+            pin.dy = 15.0 * (i + 1)
+    size = layout(boxes, nets)
     assert source.x < law.x < drive.x < plant.x
     assert observer.x == drive.x
-    check_laws([*boxes, source, drive], nets, *size)
-
-
-def test_feedback_goes_back_below():
-    boxes = [Box(50.0, 60.0) for _ in range(3)]
-    nets = [
-        Net(a.pin(1, 30.0), [b.pin(0, 30.0)])
-        for a, b in zip(boxes, boxes[1:] + boxes[:1], strict=True)
-    ]
-    layout(boxes, nets)
-    assert boxes[0].x < boxes[1].x < boxes[2].x
-    assert [len(net.paths[0]) for net in nets] == [2, 2, 6]
-    assert max(y for _, y in nets[2].paths[0]) > 60.0
+    check_laws(boxes, nets, *size)
 
 
 def test_crossed_levels_are_led_over_two_tracks():

