@@ -70,7 +70,7 @@ class Symbol:
 
         def shown(field: re.Match[str]) -> str:
             name, form = field.groups()
-            value = block.parameters.get(name, getattr(block, name, ""))
+            value = block.parameters.get(name, getattr(block, name, "?"))
             write: Any = polynomial if form in {"s", "z"} else value_text
             return str(write(value, form))
 
