@@ -17,9 +17,8 @@ def edges_of(nets: list[Net]) -> Edges:
     edges = Edges()
     for net in nets:
         # Once per net and box, as several pins of a box share most of the wire.
-        weights = dict[Box, int]()
-        for pin in net.targets:
-            weights[pin.box] = max(weights.get(pin.box, 0), 1 if pin.negative else 2)
+        weights = {pin.box: 1 for pin in net.targets}
+        weights |= {pin.box: 2 for pin in net.targets if not pin.negative}
         weights.pop(net.source.box, None)
         edges.update({(net.source.box, box): w for box, w in weights.items()})
     return edges

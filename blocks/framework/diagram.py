@@ -365,7 +365,7 @@ class Diagram(Netlist):
             suffix = as_path(DiagramError, cannot, path).suffix.lower()
         if result is not None and suffix != ".html":
             raise DiagramError(
-                f"{cannot} '{path}': only a page shows a result; name a file .html"
+                f"cannot draw diagram '{self.name}' with a result: only a page shows one; name a file .html"
             )
         picture = Picture(self._artists[".svg"](self))
         if path is None:

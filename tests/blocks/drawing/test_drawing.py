@@ -5,6 +5,7 @@ import re
 import sys
 import xml.etree.ElementTree as ET
 from itertools import combinations
+from math import dist
 from types import SimpleNamespace
 
 import numpy as np
@@ -62,6 +63,9 @@ def mixed():
     return diagram
 
 
+MARGIN = 12.0
+"""Margin around a picture [px]."""
+
 SIZES = {"name": 12.0, "note": 9.0}
 """Sizes of letters by class; others have 11 px."""
 
@@ -110,18 +114,14 @@ def test_no_two_texts_overlap_and_all_are_in_the_picture():
         assert low <= height
 
 
-def nearest(root, x, y):
-    """Return the path of the signal whose wire ends nearest to a point [px]."""
-    found = []
-    for group in root.iter(f"{SVG}g"):
-        if group.get("class") == "signal":
-            line = group.find(f"{SVG}path").get("d")
-            for path in line.split("M")[1:]:
-                u, v = map(float, path.split("L")[-1].split())
-                found.append((abs(u - x) + abs(v - y), group.get("data-path")))
-    distance, path = min(found)
-    assert distance < 20.0
-    return path
+def ends(root):
+    """Return the ends of all wires [px] with the paths of their signals."""
+    return [
+        (float(x), float(y), group.get("data-path"))
+        for group in root.findall(f".//{SVG}g[@class='signal']")
+        for line in group.findall(f"{SVG}path[@class='near']")
+        for x, y in [line.get("d").split("L")[-1].split()]
+    ]
 
 
 @pytest.mark.parametrize("signs", ["+-", "-+", "+--", "++-+", "-+-+-"])
@@ -133,18 +133,15 @@ def test_each_sign_is_at_the_wire_that_it_counts(signs):
     for i in range(1, len(signs)):
         diagram.add(f"in_{i}", Constant(float(i))) >> total.ports[f"u{i}"]
     root = ET.fromstring(diagram.draw())
-    own = [each for each in texts(root) if each[0] in {"+", "−"}]
-    assert len(own) == len(signs)
-    wanted = {f"in_{i}.y": sign for i, sign in enumerate(signs[:-1], 1)}
-    wanted["back.y"] = signs[-1]
-    margin = 12.0
-    seen = {
-        nearest(root, (a + c) / 2 - margin, (b + d) / 2 - margin): text.replace(
-            "−", "-"
-        )
-        for text, (a, b, c, d) in own
-    }
-    assert seen == wanted
+    seen = {}
+    for sign, (a, b, c, d) in texts(root):
+        if sign in {"+", "−"}:
+            middle = (a + c) / 2 - MARGIN, (b + d) / 2 - MARGIN
+            distance, path = min((dist(middle, end[:2]), end[2]) for end in ends(root))
+            assert distance < 20.0
+            seen[path] = sign.replace("−", "-")
+    sources = [f"in_{i}.y" for i in range(1, len(signs))]
+    assert seen == dict(zip([*sources, "back.y"], signs, strict=True))
 
 
 def test_unused_ports_of_large_blocks_are_counted():

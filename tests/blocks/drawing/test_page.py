@@ -100,13 +100,14 @@ def test_page_is_one_file_without_network_and_escapes_names(tmp_path):
 
 def test_result_of_another_diagram_is_refused(tmp_path, result):
     other = Diagram("other")
-    for file, fault in (
-        ("page.html", "no signal of diagram 'other'; give the result"),
-        ("picture.svg", r"only a page shows a result; name a file \.html"),
-        (None, r"only a page shows a result; name a file \.html"),
+    no_page = r"with a result: only a page shows one; name a file \.html"
+    for path, fault in (
+        (tmp_path / "page.html", "no signal of diagram 'other'; give the result"),
+        (tmp_path / "picture.svg", no_page),
+        (None, no_page),
     ):
         with pytest.raises(DiagramError, match=fault):
-            other.draw(file and tmp_path / file, result=result)
+            other.draw(path, result=result)
     assert not list(tmp_path.iterdir())
 
 
