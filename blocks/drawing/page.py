@@ -38,13 +38,16 @@ def page_of(diagram: Diagram, result: xr.Dataset | None = None) -> str:
     """
     data: dict[str, Any] = {"time": [], "signals": {}}
     if result is not None:
-        times = result["time"].to_numpy()
-        count = min(MAX_INSTANTS, times.size)
-        instants = np.linspace(0, times.size - 1, count).round().astype(int)
+        count = min(MAX_INSTANTS, result.sizes["time"])
+        instants = np.linspace(0, result.sizes["time"] - 1, count).round().astype(int)
+        shown = result.isel(time=instants)
+        data["time"] = _numbers(shown["time"].to_numpy())
         ports = {port.path for block in diagram.within() for port in block.outputs()}
-        data["time"] = _numbers(times[instants])
-        for path in ports & {*map(str, result)}:
-            data["signals"][path] = _signal(result[path].isel(time=instants))
+        for path in sorted(ports & {*map(str, result)}):
+            values = shown[path]
+            rows = values.to_numpy().reshape(count, -1)[:, :MAX_LINES].T
+            unit = values.attrs.get("units", "")
+            data["signals"][path] = {"unit": unit, "lines": [*map(_numbers, rows)]}
         if not data["signals"]:
             raise DiagramError(
                 f"the result has no signal of diagram '{diagram.name}'; give the result of its own run"
@@ -60,12 +63,6 @@ def page_of(diagram: Diagram, result: xr.Dataset | None = None) -> str:
         data=json.dumps(data).replace("<", "\\u003c"),
         script=chart + script,
     )
-
-
-def _signal(values: xr.DataArray) -> dict[str, Any]:
-    """Return the unit and the elements of a logged signal."""
-    rows = values.to_numpy().reshape(values.sizes["time"], -1)[:, :MAX_LINES]
-    return {"unit": values.attrs.get("units", ""), "lines": [*map(_numbers, rows.T)]}
 
 
 def _numbers(values: np.ndarray[Any, Any]) -> list[float | None]:
