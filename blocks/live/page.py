@@ -13,7 +13,7 @@ from html import escape
 from importlib.resources import files
 from pathlib import Path
 from string import Template
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -45,6 +45,9 @@ from trussflow.blocks.tracing.initialization import initialization
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import Program
 from trussflow.blocks.tracing.quantities import derivative, outputs
+
+if TYPE_CHECKING:
+    from trussflow.blocks.live.server import LiveServer
 
 MAX_ROWS = 4000
 """Logged instants of a run whose log step is not given [-]."""
@@ -102,7 +105,7 @@ def live_page(
         If there is no compiler for WebAssembly.
     """
     if path is None:
-        _serve(diagram, **settings)
+        server_of(diagram, **settings).until_interrupted()
         return None
     cannot = f"cannot make a live page of '{diagram.name}'"
     file = as_path(DiagramError, cannot, path)
@@ -122,8 +125,21 @@ def live_page(
     return file
 
 
-def _serve(diagram: Diagram, **settings: Any) -> None:
-    """Serve a live page until Ctrl-C."""
+def server_of(diagram: Diagram, **settings: Any) -> LiveServer:
+    """Return the server of a live page.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        The diagram.
+    **settings
+        As for `contents`, without `at`.
+
+    Raises
+    ------
+    SimulationError
+        If an argument is invalid.
+    """
     # slow to import
     from trussflow.blocks.live.server import LiveServer
 
@@ -139,11 +155,12 @@ def _serve(diagram: Diagram, **settings: Any) -> None:
         step=prepared.solver.step,
         solver=prepared.solver.solver,
     )
-    log_step = page.data["every"] * prepared.tick
-    pace = page.data["pace"]
-    LiveServer(
-        session, html(page, None).encode(), log_step, pace=pace
-    ).until_interrupted()
+    return LiveServer(
+        session,
+        html(page, None).encode(),
+        page.data["every"] * prepared.tick,
+        pace=page.data["pace"],
+    )
 
 
 class Contents(NamedTuple):
@@ -316,7 +333,8 @@ def html(page: Contents, module: bytes | None) -> str:
         ),
         data=json.dumps(page.data, separators=(",", ":")).replace("<", "\\u003c"),
         module=base64.b64encode(zlib.compress(module or b"", 9)).decode(),
-        worker=text("linear.js") + text("worker.js") if module else text("served.js"),
+        worker=(text("linear.js") + text("worker.js") if module else text("served.js"))
+        + text("queue.js"),
         script=text("chart.js") + text("page.js"),
     )
 

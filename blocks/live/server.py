@@ -6,18 +6,18 @@ import base64
 import contextlib
 import json
 import secrets
+import sys
 import time
 import webbrowser
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 
-from trussflow.blocks.errors import SimulationError, TrussflowError
+from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.support.types import Vector
 
@@ -80,46 +80,48 @@ class LiveServer(ThreadingHTTPServer):
             with contextlib.suppress(KeyboardInterrupt):
                 self.serve_forever()
 
-    def named(self, p: Vector) -> dict[str, Any]:
-        """Return parameters `p` [as declared] by name."""
-        layout = self.session.prepared.plan.p
-        if p.size != layout.size:
-            raise SimulationError(
-                f"the page sent {p.size} parameters instead of {layout.size}; load it again"
-            )
-        return dict(layout.named(p))
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Print the traceback of an exception, except those of broken connections."""
+        if not isinstance(sys.exception(), OSError):
+            super().handle_error(request, client_address)
 
-    def rows(self, name: str, p: Vector, duration: float) -> Iterator[Vector]:
+    def tune(self, p: Vector, name: str) -> Sequence[Vector]:
+        """Change the parameters `p` [as declared] of the run `name` at its next logged instant; return no rows."""
+        self.changes[name] = p
+        return ()
+
+    def run(self, p: Vector, name: str, duration: str) -> Iterator[Vector]:
         """Yield time and outputs at the logged instants of a run.
 
         Parameters
         ----------
-        name : str
-            Name of the run, for `changes`.
         p : Vector
             Parameters [as declared].
-        duration : float
+        name : str
+            Name of the run, for `tune`.
+        duration : str
             Duration [s].
 
         Raises
         ------
         SimulationError
-            If the duration or the number of parameters is wrong, or the run fails.
+            If the duration is wrong, or the run fails.
         """
-        number = round(duration / float(self.log_step))
-        if not 0 < number <= MAX_RUN_ROWS:
+        number = float(duration) / float(self.log_step)
+        if not 0.5 < number <= MAX_RUN_ROWS:
             raise SimulationError(
-                f"a run of {duration:g} s has {number} rows; choose a duration with 1 to {MAX_RUN_ROWS}"
+                f"a run of {duration} s has {number:.0f} rows; choose a duration with 1 to {MAX_RUN_ROWS}"
             )
         self.changes.pop(name, None)
-        with self.session.twin() as session:
-            session.start(parameters=self.named(p))
-            begin = time.perf_counter()
-            for k in range(number + 1):
+        session, named = self.session.twin(), self.session.prepared.plan.p.named
+        session.start(parameters=named(p))
+        begin = time.perf_counter()
+        with session:
+            for k in range(round(number) + 1):
                 now = float(k * self.log_step)
                 if k:
-                    if (changed := self.changes.pop(name, None)) is not None:
-                        session.tune(self.named(changed))
+                    if name in self.changes:
+                        session.tune(named(self.changes.pop(name)))
                     session.advance(now)
                 if self.pace:
                     time.sleep(max(0.0, begin + now / self.pace - time.perf_counter()))
@@ -130,38 +132,57 @@ class _Handler(BaseHTTPRequestHandler):
     """Answer of one request."""
 
     server: LiveServer
-    protocol_version = "HTTP/1.0"
+    timeout = 60
+    """Time after which a client that neither sends nor reads is left [s]."""
 
     def log_message(self, format: str, *args: Any) -> None:
         """Print nothing."""
 
     def do_GET(self) -> None:
         """Send the page."""
-        self._answer({"": self._send_page})
+        if self._place("") is not None:
+            self._begin("text/html; charset=utf-8")
+            self.wfile.write(self.server.page)
 
     def do_POST(self) -> None:
-        """Send the rows of a run, or change the parameters of one that is running."""
-        self._answer({"run": self._run, "tune": self._tune})
+        """Send the rows of a run, or change the parameters of one that is running.
 
-    def _answer(self, actions: dict[str, Callable[[], None]]) -> None:
-        """Take the action that the address names.
+        The answer has a line of JSON for each part of the rows, and one with a message, empty if all is well.
+        """
+        if (place := self._place("run", "tune")) is None:
+            return
+        self._begin("application/x-ndjson")
+        fault, part, sent = "", list[Vector](), time.perf_counter()
+        try:
+            action = getattr(self.server, place[0])
+            for row in action(self._parameters(), *place[1:]):
+                part.append(row)
+                if time.perf_counter() - sent > FLUSH_SECONDS:
+                    self._send(part)
+                    part, sent = [], time.perf_counter()
+        # If the connection is broken, sending the message fails again.
+        except Exception as error:  # noqa: BLE001 - the page shows it
+            fault = str(error) or type(error).__name__
+        self._send(part, fault=fault)
+
+    def _place(self, *known: str) -> list[str] | None:
+        """Return the parts of the address after the token; send an error if the first one is not known.
 
         A foreign page cannot know the token. The host is checked since a foreign name may lead to this
         computer.
         """
         port = self.server.server_port
         is_here = self.headers.get("Host") in (f"127.0.0.1:{port}", f"localhost:{port}")
-        token, _, rest = urlsplit(self.path).path.removeprefix("/").partition("/")
+        token, *place = self.path.removeprefix("/").split("/")
         if not is_here or not secrets.compare_digest(
             token.encode(), self.server.token.encode()
         ):
             self.send_error(HTTPStatus.FORBIDDEN)
-        elif rest not in actions:
+        elif not place or place[0] not in known:
             self.send_error(HTTPStatus.NOT_FOUND)
         else:
-            # Of a closed page; its session is closed, which ends the run.
-            with contextlib.suppress(ConnectionError):
-                actions[rest]()
+            return place
+        return None
 
     def _begin(self, kind: str) -> None:
         self.send_response(HTTPStatus.OK)
@@ -169,46 +190,18 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("Cache-Control", "no-store")
         self.end_headers()
 
-    def _send_page(self) -> None:
-        self._begin("text/html; charset=utf-8")
-        self.wfile.write(self.server.page)
-
-    def _numbers(self) -> Vector:
+    def _parameters(self) -> Vector:
         """Return the parameters in the request."""
-        size = 8 * self.server.session.prepared.plan.p.size
-        sent = int(self.headers.get("Content-Length") or 0)
-        body = self.rfile.read(min(sent, size))
-        return np.frombuffer(body[: len(body) // 8 * 8], dtype="<f8").astype(float)
+        number = self.server.session.prepared.plan.p.size
+        if self.headers.get("Content-Length") != str(8 * number):
+            raise SimulationError(
+                f"the page does not send {number} parameters; load it again"
+            )
+        return np.frombuffer(self.rfile.read(8 * number), dtype="<f8").astype(float)
 
-    def _asked(self) -> dict[str, str]:
-        return {k: v[0] for k, v in parse_qs(urlsplit(self.path).query).items()}
-
-    def _tune(self) -> None:
-        self.server.changes[self._asked().get("run", "")] = self._numbers()
-        self._begin("text/plain")
-
-    def _run(self) -> None:
-        """Send a line of JSON for each part of the rows, and one for the end."""
-        asked = self._asked()
-        p = self._numbers()
-        self._begin("application/x-ndjson")
-        last = {"fault": ""}
-        part: list[Vector] = []
-        sent = time.perf_counter()
-        try:
-            duration = float(asked.get("duration", "nan"))
-            for row in self.server.rows(asked.get("run", ""), p, duration):
-                part.append(row)
-                if time.perf_counter() - sent > FLUSH_SECONDS:
-                    self._send(part)
-                    part, sent = [], time.perf_counter()
-        except (TrussflowError, ValueError) as error:
-            last["fault"] = str(error)
-        self._send(part, last)
-
-    def _send(self, rows: list[Vector], last: dict[str, str] | None = None) -> None:
-        """Send rows as a line of JSON; the `last` one has a message, empty if the run is complete."""
+    def _send(self, rows: list[Vector], **last: str) -> None:
+        """Send rows as a line of JSON; the `last` one has a message."""
         packed = np.array(rows, dtype="<f8").tobytes()
-        line = {"rows": base64.b64encode(packed).decode(), **(last or {})}
+        line = {"rows": base64.b64encode(packed).decode(), **last}
         self.wfile.write(json.dumps(line).encode() + b"\n")
         self.wfile.flush()

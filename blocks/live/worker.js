@@ -2,12 +2,13 @@
 // The worker of a live page: runs the compiled equations, so that the page never waits for them.
 
 const SLICE = 25; // ms between looks for new values
-const QUIET = 300; // ms between reports of a long run
-const PATIENCE = 1500; // ms after which a run ends for newer values
-const LARGE = 40; // states above which the loop is analysed only when the values rest
-const REST = 200; // ms
 
 class Engine {
+  static async of({ data, module }) {
+    const compiled = await WebAssembly.compile(module);
+    return new Engine(data, (await WebAssembly.instantiate(compiled, {})).exports);
+  }
+
   constructor(data, exports) {
     this.data = data;
     this.c = exports;
@@ -167,43 +168,3 @@ class Engine {
     return `an algebraic loop has no solution ${at(bad[0])}`;
   }
 }
-
-let engine = null, wanted = null, busy = false;
-
-async function drain() {
-  busy = true;
-  while (wanted) {
-    const job = wanted, begin = performance.now();
-    let reported = begin;
-    wanted = null;
-    const pause = async (share, result) => {
-      const spent = performance.now() - begin;
-      if (performance.now() - reported > QUIET) {
-        postMessage({ id: job.id, progress: share, ...result(), fault: "" });
-        reported = performance.now();
-      }
-      await new Promise((resolve) => setTimeout(resolve));
-      return wanted && spent > PATIENCE;
-    };
-    const result = await engine.run(job, pause);
-    if (!result) continue;
-    postMessage({ id: job.id, ...result, seconds: (performance.now() - begin) / 1000 }, [result.time.buffer, result.log.buffer]);
-    // A large analysis waits until the values rest.
-    if (engine.data.loop && engine.data.sizes[1] > LARGE) await new Promise((resolve) => setTimeout(resolve, REST));
-    if (engine.data.loop && !wanted) postMessage({ id: job.id, analysis: analysed(engine.linear(...engine.points[job.point])) });
-  }
-  busy = false;
-}
-
-onmessage = async ({ data: message }) => {
-  try {
-    if (message.module) {
-      const module = await WebAssembly.compile(message.module);
-      engine = new Engine(message.data, (await WebAssembly.instantiate(module, {})).exports);
-    } else wanted = message;
-    if (engine && wanted && !busy) await drain();
-  } catch (error) {
-    postMessage({ error: String(error) });
-    busy = false;
-  }
-};

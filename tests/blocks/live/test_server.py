@@ -3,6 +3,8 @@
 import base64
 import http.client
 import json
+import socket
+import struct
 import threading
 import time
 from contextlib import closing, contextmanager
@@ -76,7 +78,7 @@ def ask(server, method, place, body=b"", host=None, token=None):
 
 def run(server, p, duration, name="run"):
     """Return the rows and the message of a run."""
-    place = f"run?run={name}&duration={duration}"
+    place = f"run/{name}/{duration}"
     sent = np.asarray(p, dtype="<f8").tobytes()
     with ask(server, "POST", place, sent) as answer:
         parts = [json.loads(line) for line in answer]
@@ -122,7 +124,7 @@ def test_a_paced_run_takes_new_values_while_it_goes_on():
         values = plan.parameters({"block.gain": 3.0}).tobytes()
 
         def tune():
-            with ask(server, "POST", "tune?run=run", values) as answer:
+            with ask(server, "POST", "tune/run", values) as answer:
                 assert answer.status == 200
 
         threading.Timer(0.2, tune).start()
@@ -137,16 +139,18 @@ def test_a_paced_run_takes_new_values_while_it_goes_on():
     )
 
 
-def test_a_closed_page_ends_its_run():
-    with served(loop(Counted().sampled(0.01)), pace=1.0) as server:
+@pytest.mark.parametrize("pace", [None, 1.0])
+def test_a_closed_page_ends_its_run(pace, capsys):
+    with served(loop(Counted().sampled(0.01)), pace=pace) as server:
         p = server.session.prepared.plan.parameters(None)
-        with ask(server, "POST", "run?run=a&duration=1000", p.tobytes()) as answer:
+        with ask(server, "POST", "run/a/9000", p.tobytes()) as answer:
             answer.readline()
         before = -1
         while CALLS[-1] != before:
             before = CALLS[-1]
             time.sleep(0.3)
-    assert before < 100.0
+    assert before < 1000.0
+    assert not capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -169,21 +173,44 @@ def test_only_the_address_with_the_token_is_answered(change, status):
 
 
 @pytest.mark.parametrize(
-    ("p", "duration", "message"),
+    ("change", "message"),
     [
-        ([1.0], 1.0, "parameters instead of"),
-        (None, -1.0, "choose a duration"),
-        (None, float("nan"), "NaN"),
-        (None, 1e9, "choose a duration"),
-        ("nan", 1.0, "finite"),
+        ({"p": [1.0]}, "does not send 3 parameters"),
+        ({"p": [np.nan] * 3}, "finite"),
+        ({"duration": -1.0}, "choose a duration"),
+        ({"duration": np.nan}, "choose a duration"),
+        ({"duration": np.inf}, "choose a duration"),
+        ({"duration": "long"}, "could not convert"),
+        ({"name": "a/b"}, "positional arguments"),
     ],
 )
-def test_a_wrong_run_gets_a_message(p, duration, message):
+def test_a_wrong_run_gets_a_message(change, message):
     with served(loop(Gain(3.0))) as server:
-        usual = server.session.prepared.plan.parameters(None)
-        sent = usual if p is None else np.full_like(usual, np.nan) if p == "nan" else p
-        if p == [1.0]:
-            sent = []
-        rows, fault = run(server, sent, duration)
+        p = server.session.prepared.plan.parameters(None)
+        rows, fault = run(server, **({"p": p, "duration": 1.0} | change))
     assert rows.size == 0
     assert message in fault
+
+
+@pytest.mark.parametrize("length", ["-1", "junk", "99999999999"])
+def test_a_wrong_length_gets_a_message_without_a_traceback(length, capsys):
+    with served(loop(Gain(3.0))) as server:
+        head = f"POST /{server.token}/run/a/1 HTTP/1.0\r\nHost: 127.0.0.1:{server.server_port}\r\n"
+        place = "127.0.0.1", server.server_port
+        with socket.create_connection(place, timeout=60) as client:
+            client.sendall(f"{head}Content-Length: {length}\r\n\r\n".encode())
+            assert b"load it again" in client.makefile("rb").read()
+    assert not capsys.readouterr().err
+
+
+def test_broken_and_strange_requests_print_no_traceback(capsys):
+    with served(loop(Gain(3.0))) as server:
+        for request in (b"GET http://[/ HTTP/1.0\r\n\r\n", b"\0\xff\r\n", b"POST"):
+            with socket.create_connection(server.server_address) as client:
+                client.sendall(request)
+                # closing resets the connection
+                client.setsockopt(
+                    socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0)
+                )
+        run(server, server.session.prepared.plan.parameters(None), 0.1)
+    assert not capsys.readouterr().err

@@ -1,0 +1,44 @@
+// The queue of a worker: the latest values wait until the present run ends, or end it.
+
+const QUIET = 300; // ms between reports of a long run
+const PATIENCE = 1500; // ms after which a run ends for newer values
+const LARGE = 40; // states above which the loop is analysed only when the values rest
+const REST = 200; // ms
+
+let engine = null, wanted = null, busy = false;
+const rest = (time) => new Promise((resolve) => setTimeout(resolve, time));
+
+async function serve(job) {
+  const begin = performance.now();
+  let reported = begin;
+  const pause = async (share, result) => {
+    if (performance.now() - reported > QUIET) {
+      postMessage({ id: job.id, progress: share, ...result(), fault: "" });
+      reported = performance.now();
+    }
+    await rest(0);
+    return wanted && performance.now() - begin > PATIENCE;
+  };
+  const result = await engine.run(job, pause);
+  if (!result) return;
+  postMessage({ id: job.id, ...result, seconds: (performance.now() - begin) / 1000 });
+  if (!engine.data.loop) return;
+  if (engine.data.sizes[1] > LARGE) await rest(REST);
+  if (!wanted) postMessage({ id: job.id, analysis: analysed(engine.linear(...engine.points[job.point])) });
+}
+
+onmessage = async ({ data: message }) => {
+  try {
+    if (message.data) engine = await Engine.of(message);
+    else if (!engine?.tune?.(message)) wanted = message;
+    if (!engine || busy) return;
+    busy = true;
+    for (let job = wanted; job; job = wanted) {
+      wanted = null;
+      await serve(job);
+    }
+  } catch (error) {
+    postMessage({ error: error.message });
+  }
+  busy = false;
+};
