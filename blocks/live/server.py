@@ -81,7 +81,7 @@ class LiveServer(ThreadingHTTPServer):
                 self.serve_forever()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Print the traceback of an exception, except those of broken connections."""
+        """Print the traceback of an error in a `request` of `client_address`; not if the connection broke."""
         if not isinstance(sys.exception(), OSError):
             super().handle_error(request, client_address)
 

@@ -48,11 +48,12 @@ class LivePage:
             ),
         )
 
-    def open(self, file, values=""):
-        """Load a file and wait for its first run."""
+    def open(self, place, values=""):
+        """Load a file or an address and wait for its first run."""
         self.page.goto("about:blank")
         self.requests.clear()
-        self.page.goto(f"{file.as_uri()}#{values}")
+        address = place if isinstance(place, str) else place.as_uri()
+        self.page.goto(f"{address}#{values}")
         self.page.wait_for_selector("body[data-state=ready]", timeout=60_000)
         return self
 

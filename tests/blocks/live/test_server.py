@@ -8,7 +8,6 @@ import struct
 import threading
 import time
 from contextlib import closing, contextmanager
-from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -21,16 +20,15 @@ from trussflow.blocks import (
     Input,
     Integrator,
     Output,
-    Session,
     simulate,
 )
-from trussflow.blocks.live.server import LiveServer
+from trussflow.blocks.live.page import server_of
 
 CALLS = []
 
 
 class Counted(Block):
-    """A Python block that notes the times of its calls."""
+    """A Python block that notes the times of its calls, and fails for large inputs."""
 
     traced = False
     u = Input()
@@ -38,6 +36,8 @@ class Counted(Block):
 
     def output(self, t, x, u, p):
         CALLS.append(float(t))
+        if u.u > 600.0:
+            raise ZeroDivisionError("no more room")
         return {"y": 2.0 * np.asarray(u.u)}
 
 
@@ -54,8 +54,7 @@ def loop(middle):
 @contextmanager
 def served(diagram, **settings):
     """Serve a diagram in a thread."""
-    session = Session(diagram, step=0.01)
-    with LiveServer(session, b"<p>page</p>", Fraction(1, 100), **settings) as server:
+    with server_of(diagram, step=0.01, log_step=0.01, **settings) as server:
         thread = threading.Thread(target=server.serve_forever, args=(0.01,))
         thread.start()
         try:
@@ -169,7 +168,7 @@ def test_only_the_address_with_the_token_is_answered(change, status):
         settings = {"place": "", **change}
         with ask(server, "GET", settings.pop("place"), **settings) as answer:
             assert answer.status == status
-            assert (answer.read() == b"<p>page</p>") == (status == 200)
+            assert (b"<h1>loop</h1>" in answer.read()) == (status == 200)
 
 
 @pytest.mark.parametrize(
@@ -214,3 +213,54 @@ def test_broken_and_strange_requests_print_no_traceback(capsys):
                 )
         run(server, server.session.prepared.plan.parameters(None), 0.1)
     assert not capsys.readouterr().err
+
+
+@pytest.mark.campaign
+def test_a_served_page_follows_a_slider_during_a_paced_run(window):
+    diagram = loop(Counted().sampled(0.01))
+    with served(diagram, duration=20.0, pace=4.0, parameters=["goal.value"]) as server:
+        window.open(server.address)
+        window.wait("trussflowLive.run.time.length > 100")
+        field = window.page.get_by_label("goal.value, number", exact=True)
+        field.fill("3")
+        field.dispatch_event("change")
+        window.wait("trussflowLive.run.time.length > 1500")
+        time, (place,) = window.rows()[0], window.rows()[1].T
+        assert not window.trouble()
+        # The held command 2 (r - y) reduces the distance from r by a factor of 0.98 in each sample.
+        changed = np.flatnonzero(place > 1.0)[0] - 1
+        np.testing.assert_allclose(
+            place[: changed + 1], 1 - 0.98 ** np.arange(changed + 1), rtol=0, atol=1e-9
+        )
+        since = np.arange(len(place) - changed)
+        np.testing.assert_allclose(
+            place[changed:], 3 - (3 - place[changed]) * 0.98**since, rtol=0, atol=1e-9
+        )
+        assert 1.0 < time[changed] < 15.0
+        # A link that is opened begins a run of its own.
+        window.open(server.address, "goal.value=2")
+        window.wait("trussflowLive.run.time.length > 50")
+        place = window.rows()[1][:, 0]
+        np.testing.assert_allclose(
+            place, 2 - 2 * 0.98 ** np.arange(len(place)), rtol=0, atol=1e-9
+        )
+    assert all(url.startswith((server.address, "blob:")) for url in window.requests)
+    assert not window.complaints
+
+
+@pytest.mark.campaign
+def test_a_served_page_shows_a_fault_and_the_end_of_the_server(window):
+    diagram = loop(Counted().sampled(0.01))
+    with served(diagram, duration=1.0) as server:
+        window.open(server.address)
+        window.set("goal.value", 666.0)
+        assert "no more room" in window.trouble()
+        window.set("goal.value", 0.5)
+        assert not window.trouble()
+        assert window.rows()[1][-1, 0] == pytest.approx(0.5 - 0.5 * 0.98**100)
+        assert not window.complaints
+    window.page.get_by_label("goal.value", exact=True).fill("900")
+    window.wait(
+        "document.getElementById('trouble').textContent.includes('cannot simulate')"
+    )
+    window.complaints.clear()
