@@ -398,7 +398,6 @@ class Diagram(Netlist):
         duration: float = 10.0,
         step: float | None = None,
         solver: str = "rk4",
-        log_step: float | None = None,
         panels: Sequence[Any] = (),
         pace: float | None = None,
     ) -> Path | None:
@@ -425,11 +424,9 @@ class Diagram(Netlist):
         duration : float
             Duration of a run [s]; readers may change it.
         step : float, optional
-            Fixed step [s]; by default from the fastest mode and the sample times.
+            Fixed step [s]; by default from the fastest mode and the sample times. At most 4000 steps are logged.
         solver : str
             ``"rk4"`` or ``"euler"``.
-        log_step : float, optional
-            Time between logged instants [s]; by default a run has at most 4000.
         panels : sequence of Panel
             Further views that follow the cursor, see `trussflow.blocks.live.page.Panel`.
         pace : float, optional
@@ -461,7 +458,6 @@ class Diagram(Netlist):
             duration=duration,
             step=step,
             solver=solver,
-            log_step=log_step,
             panels=panels,
             pace=pace,
         )

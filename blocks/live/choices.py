@@ -154,10 +154,8 @@ def _starts_in_python(
     """Return whether a block computes initial states in Python from the number at a `place` in p."""
     block, changed = plan.system.blocks[path], p.copy()
     changed[place] = value
-    if type(block).initial is Block.initial:
-        return False
     before, after = (plan.p.signals(path, values) for values in (p, changed))
-    return any(
+    return type(block).initial is not Block.initial and any(
         not np.array_equal(block.initial(name, before), block.initial(name, after))
         for name in block.declared(State)
     )
@@ -177,7 +175,7 @@ def _range(
         return low, high, low > 0.0 and high / low >= RANGE_FACTOR**3
     least = bounds.get("at least", bounds.get("above", -np.inf))
     most = bounds.get("at most", bounds.get("below", np.inf))
-    if np.isfinite(least) and np.isfinite(most):
+    if np.isfinite(most - least):
         edge = RANGE_EDGE * (most - least)
         return (
             least + edge * ("above" in bounds),

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from trussflow.blocks.live.server import LiveServer
 
 MAX_ROWS = 4000
-"""Logged instants of a run whose log step is not given [-]."""
+"""Largest number of logged steps of a run [-]."""
 
 FUNCTIONS = ("tf_work_size", "tf_advance", "tf_evaluate")
 """Functions of the compiled equations that the page calls."""
@@ -181,7 +181,6 @@ def contents(
     duration: float = 10.0,
     step: float | None = None,
     solver: str = "rk4",
-    log_step: float | None = None,
     panels: Sequence[Panel] = (),
     pace: float | None = None,
     is_served: bool = False,
@@ -192,8 +191,8 @@ def contents(
     ----------
     diagram : Diagram
         The diagram.
-    parameters, signals, at, duration, step, solver, log_step, panels, pace
-        As for `Diagram.live` [duration, step, log_step: s; pace: -].
+    parameters, signals, at, duration, step, solver, panels, pace
+        As for `Diagram.live` [duration, step: s; pace: -].
     is_served : bool
         Whether this process computes the runs.
 
@@ -208,7 +207,7 @@ def contents(
     """
     cannot = f"cannot make a live page of '{diagram.name}'"
     positive(duration=duration)
-    positive_if_given(step=step, log_step=log_step, pace=pace)
+    positive_if_given(step=step, pace=pace)
     if solver not in FIXED_STEP:
         raise SimulationError(
             f"{cannot} with solver {solver!r}: a page has fixed steps; choose from {', '.join(FIXED_STEP)}"
@@ -235,26 +234,24 @@ def contents(
     channels = chosen_channels(
         plan.system, {c.name: c.port for c in (*charted, *followed)}
     )
-    loop = None if at is None else loop_of(diagram, at)
-    quantities = [derivative(), outputs([c.port for c in channels])]
-    if not is_served:
-        quantities.append(initialization())
-    if loop is not None:
-        quantities.append(outputs([loop.port], "wire"))
+    loops = [] if at is None else [loop_of(diagram, at)]
+    quantities = [
+        derivative(),
+        outputs([c.port for c in channels]),
+        *([] if is_served else [initialization()]),
+        *(outputs([loop.port], "wire") for loop in loops),
+    ]
     prepared = Prepared(
         plan, quantities, Solver(step=float(tick), solver=solver), channels
     )
-    programs = [*prepared.programs, *([loop.program] if loop else [])]
+    programs = [*prepared.programs, *(loop.program for loop in loops)]
     steps = ticks(length, tick, "the duration")
     warn_of_missed_jumps(plan, tick, (Fraction(0), length), p)
-    every = -(-steps // MAX_ROWS)
-    if log_step is not None:
-        every = ticks(exact(log_step), tick, "log_step")
     data = {
         "name": diagram.name,
         "steps": steps,
         "pace": pace,
-        "every": every,
+        "every": -(-steps // MAX_ROWS),
         "solver": solver,
         "programs": [program.name for program in programs],
         **_simulation(prepared, p, x, d),
@@ -265,9 +262,9 @@ def contents(
         "panelSignals": [
             (c.name, (c.columns.start + c.port.elements().ravel()).tolist())
             for c in channels
-            if c.name in {one.name for one in followed}
+            if c.name in [one.name for one in followed]
         ],
-        "loop": loop and loop.data,
+        "loop": loops[0].data if loops else None,
     }
     return Contents(data, prepared, programs, panels)
 

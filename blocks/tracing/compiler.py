@@ -35,8 +35,8 @@ replaces sin(atan(x)) by x / sqrt(x**2 + 1), and returns 1 if x is NaN.
 """
 
 WEB_FLAGS = (
-    *("-target", "wasm32-wasi", "-O2", "-msimd128"),
-    *("-ffp-contract=off", "-fno-math-errno", "-fno-builtin-atan"),
+    *("-O2", "-msimd128", "-ffp-contract=off"),
+    *("-fno-math-errno", "-fno-builtin-atan"),
 )
 """Compiler options for WebAssembly; reasons as for `FLAGS`. It has no fused multiplication and addition."""
 
@@ -151,14 +151,12 @@ def compile_web_module(
     CompilationError
         If there is no compiler, it fails, or the module cannot be stored.
     """
-    compiler = find_web_compiler()
-    exports = [f"-Wl,--export={name}" for name in (*functions, "__heap_base")]
+    compiler = (*find_web_compiler(), "-target", "wasm32-wasi")
     linking = (
-        *("-target", "wasm32-wasi", "-mexec-model=reactor", "-s"),
-        *(f"-Wl,-z,stack-size={WEB_STACK}", *exports),
+        *("-mexec-model=reactor", "-s", f"-Wl,-z,stack-size={WEB_STACK}"),
+        *(f"-Wl,--export={name}" for name in (*functions, "__heap_base")),
     )
-    version = _run([*compiler, "--version"], VERSION_TIMEOUT).stdout
-    key = "\0".join((*compiler, version, *WEB_FLAGS, *linking, content))
+    key = "\0".join((*identity(compiler), *WEB_FLAGS, *linking, content))
     try:
         return cached(
             key, ".wasm", lambda: _build(compiler, sources(), WEB_FLAGS, linking)

@@ -16,6 +16,5 @@ page = loop.live(
     signals=[loop.truss.task_position[0:3], "truss.modal_coordinate", "truss.energy"],
     duration=10.0,
     step=2e-3,
-    log_step=0.01,
 )
 print(f"{page}: {page.stat().st_size / 1e6:.2f} MB")

@@ -207,25 +207,17 @@ def compare(window, unfused, tmp_path, make):
     diagram, log, changed = make()
     (name, value), settings = next(iter(changed.items())), {"step": 0.01, "log": log}
     file = diagram.live(
-        tmp_path / "page.html",
-        signals=log,
-        parameters=[name],
-        duration=9.5,
-        step=0.01,
-        log_step=0.03,
+        tmp_path / "page.html", signals=log, parameters=[name], duration=9.5, step=0.01
     )
     window.open(file)
-    yield window.rows(), unfused(diagram, 9.5, **settings, log_step=0.03)
+    yield window.rows(), unfused(diagram, 9.5, **settings)
     window.set(name, value)
     if "[" in name:
         name, _, index = name.rstrip("]").partition("[")
         values = np.ones(8) if make is many else np.array([1.0, 0.5, 2.0])
         values[int(index)] = value
         value = values
-    yield (
-        window.rows(),
-        unfused(diagram, 9.5, **settings, log_step=0.03, parameters={name: value}),
-    )
+    yield (window.rows(), unfused(diagram, 9.5, **settings, parameters={name: value}))
     assert not window.complaints
     assert not window.trouble()
 
@@ -250,7 +242,7 @@ def test_runs_with_functions_of_the_c_library_are_equal_to_round_off(
 def test_the_loop_of_the_paper_is_equal_bit_by_bit(window, unfused, tmp_path):
     log = ["truss.task_position", "truss.modal_coordinate", "controller.error"]
     loop = transport_diagram(Mission.of_case(1), SpaceTruss.published())
-    settings = {"step": 2e-3, "log_step": 0.01}
+    settings = {"step": 2e-3}
     window.open(
         loop.live(tmp_path / "page.html", signals=log, duration=5.0, **settings)
     )

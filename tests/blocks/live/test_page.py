@@ -187,9 +187,7 @@ def test_copied_python_repeats_the_run(pid_page, window):
 def test_metrics_are_those_of_a_first_order_lag(window, tmp_path):
     diagram = approach()
     diagram.expose(filling=diagram.blocks["level"].y)
-    window.open(
-        diagram.live(tmp_path / "page.html", duration=20.0, step=0.01, log_step=0.01)
-    )
+    window.open(diagram.live(tmp_path / "page.html", duration=20.0, step=0.01))
     found = window.page.evaluate(
         "trussflowLive.metrics(trussflowLive.run.time, trussflowLive.run.log)"
     )

@@ -54,7 +54,7 @@ def loop(middle):
 @contextmanager
 def served(diagram, **settings):
     """Serve a diagram in a thread."""
-    with server_of(diagram, step=0.01, log_step=0.01, **settings) as server:
+    with server_of(diagram, step=0.01, **settings) as server:
         thread = threading.Thread(target=server.serve_forever, args=(0.01,))
         thread.start()
         try:
