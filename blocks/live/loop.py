@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import base64
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 
@@ -18,8 +17,7 @@ from trussflow.blocks.linear_analysis.references import Reference
 from trussflow.blocks.tracing.program import Program
 
 
-@dataclass(frozen=True, slots=True)
-class Loop:
+class Loop(NamedTuple):
     """A loop opened at one scalar wire.
 
     Attributes
@@ -61,12 +59,14 @@ def loop_of(diagram: Diagram, at: Reference) -> Loop:
         raise LinearAnalysisError(
             f"{cannot}: it has {size} elements; name one of them, such as '{one.port.full_path}[0]'"
         )
+    whole = one.leaf.block.port(one.leaf.name)
     model, _, (x, d, _) = Linearizer(diagram, [at], [at], cut=[at]).opened()
     plan = model.plan
-    reason = (
-        "sampled blocks" if plan.system.clocks else "algebraic loops that are iterated"
-    )
-    if plan.system.clocks or plan.guesses.size:
+    reasons = {
+        "sampled blocks": plan.system.clocks,
+        "algebraic loops that are iterated": plan.guesses.size,
+    }
+    for reason in filter(reasons.get, reasons):
         raise LinearAnalysisError(
             f"{cannot}: the diagram has {reason}; use loop_margins in Python, and leave out at="
         )
@@ -89,7 +89,7 @@ def loop_of(diagram: Diagram, at: Reference) -> Loop:
         "values": base64.b64encode(d.astype("<f8").tobytes()).decode(),
         "kept": plan.fired.span.stop,
         "sent": sent,
-        "size": one.leaf.block.port(one.leaf.name).size,
+        "size": whole.size,
         "element": int(one.leaf.elements().ravel()[0]),
     }
-    return Loop(one.leaf.block.port(one.leaf.name), program, data)
+    return Loop(whole, program, data)

@@ -242,24 +242,23 @@ function python() {
 }
 Object.assign(live, { python, address });
 
-async function copy(button, text) {
-  const label = button.textContent;
-  try {
-    await navigator.clipboard.writeText(text);
-    button.textContent = "copied";
-  } catch {
-    window.prompt("copy this text", text); // no clipboard for pages from disk in some browsers
-  }
-  setTimeout(() => { button.textContent = label; }, 1000);
-}
 
 // -- buttons, cursor and panels
 
-$("python").onclick = () => copy($("python"), python());
-$("link").onclick = () => copy($("link"), new URL(address(), location.href).href);
+$("python").onclick = async () => {
+  try {
+    await navigator.clipboard.writeText(python());
+    write($("status"), "copied");
+  } catch {
+    window.prompt("copy this text", python()); // no clipboard for pages from disk in some browsers
+  }
+};
 $("reset").onclick = () => { history.replaceState(null, "", "#"); recall(); ask(); };
-$("keep").onclick = () => { if (live.run.progress === undefined) kept = live.run; $("forget").hidden = false; redraw(); };
-$("forget").onclick = () => { kept = null; $("forget").hidden = true; redraw(); };
+$("keep").onclick = () => {
+  kept = kept || live.run.progress !== undefined ? null : live.run;
+  $("keep").textContent = kept ? "forget" : "keep";
+  redraw();
+};
 $("duration").onchange = () => { span(Number($("duration").value)); ask(); remember(); };
 $("cursor").oninput = () => { view.cursor = $("cursor").value * steps * seconds; redraw(); };
 
@@ -301,11 +300,6 @@ function update(time) {
   for (const panel of panels) panel.update(time, signals);
 }
 
-document.onkeydown = (event) => {
-  if (event.key !== " " || /INPUT|BUTTON/.test(event.target.tagName)) return;
-  event.preventDefault();
-  play();
-};
 window.onhashchange = () => { recall(); ask(); };
 window.onresize = () => { redraw(); bode(); };
 matchMedia("(prefers-color-scheme: dark)").onchange = window.onresize;

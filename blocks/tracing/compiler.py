@@ -60,7 +60,12 @@ VERSION_TIMEOUT = 60.0
 @functools.cache
 def find_compiler() -> tuple[str, ...] | None:
     """Return the command of a C compiler: $CC, cc, gcc, clang, or the ziglang package."""
-    for command in (os.environ.get("CC", "").split(), ["cc"], ["gcc"], ["clang"]):
+    return _found(os.environ.get("CC", ""), "cc", "gcc", "clang")
+
+
+def _found(*commands: str) -> tuple[str, ...] | None:
+    """Return the first of the `commands` whose program exists, or that of the ziglang package."""
+    for command in map(str.split, commands):
         if command and shutil.which(command[0]):
             return tuple(command)
     try:
@@ -113,24 +118,6 @@ def compile_library(
         raise CompilationError(f"cannot compile {with_place(error)}") from error
 
 
-def find_web_compiler() -> tuple[str, ...]:
-    """Return the command of a C compiler for WebAssembly: $WASM_CC, or the ziglang package.
-
-    Raises
-    ------
-    CompilationError
-        If there is none.
-    """
-    command = os.environ.get("WASM_CC", "").split()
-    if command and shutil.which(command[0]):
-        return tuple(command)
-    try:
-        import ziglang  # noqa: F401
-    except ImportError:
-        raise CompilationError(NO_WEB_COMPILER) from None
-    return (sys.executable, "-m", "ziglang", "cc")
-
-
 def compile_web_module(
     content: str, sources: Callable[[], Sequence[str]], functions: Sequence[str]
 ) -> bytes:
@@ -151,13 +138,16 @@ def compile_web_module(
     CompilationError
         If there is no compiler, it fails, or the module cannot be stored.
     """
-    compiler = (*find_web_compiler(), "-target", "wasm32-wasi")
-    linking = (
+    found = _found(os.environ.get("WASM_CC", ""))
+    if found is None:
+        raise CompilationError(NO_WEB_COMPILER)
+    compiler = (*found, "-target", "wasm32-wasi")
+    linking = [
         *("-mexec-model=reactor", "-s", f"-Wl,-z,stack-size={WEB_STACK}"),
         *(f"-Wl,--export={name}" for name in (*functions, "__heap_base")),
-    )
-    key = "\0".join((*identity(compiler), *WEB_FLAGS, *linking, content))
+    ]
     try:
+        key = "\0".join((*identity(compiler), *WEB_FLAGS, *linking, content))
         return cached(
             key, ".wasm", lambda: _build(compiler, sources(), WEB_FLAGS, linking)
         ).read_bytes()
@@ -167,7 +157,7 @@ def compile_web_module(
 
 @functools.cache
 def identity(compiler: tuple[str, ...]) -> tuple[str, ...]:
-    """Return texts that identify the compiler, its version, and the processor.
+    """Return sources that identify the compiler, its version, and the processor.
 
     Parameters
     ----------

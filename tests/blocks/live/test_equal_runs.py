@@ -150,6 +150,7 @@ def test_runs_are_equal_bit_by_bit(make, window, unfused, tmp_path):
 
 
 @pytest.mark.campaign
+@pytest.mark.filterwarnings("ignore::trussflow.blocks.errors.SimulationWarning")
 def test_random_diagrams_are_equal_to_round_off(window, unfused, tmp_path):
     compared = 0
     for seed in range(40):

@@ -203,7 +203,7 @@ def test_a_kept_run_stays_behind_and_is_forgotten(pid_page, window):
     window.page.locator("#keep").click()
     window.set("law.kp", 30.0)
     assert "(" in window.page.locator("#metrics").inner_text()
-    window.page.locator("#forget").click()
+    window.page.locator("#keep").click()
     window.set("law.kp", 31.0)
     assert "(" not in window.page.locator("#metrics").inner_text()
 
