@@ -75,7 +75,9 @@ class LiveServer(ThreadingHTTPServer):
         """Print the address, open it in the browser, and serve until Ctrl-C."""
         with self:
             name = self.session.prepared.plan.name
-            print(f"live page of '{name}': {self.address} (Ctrl-C ends it)")  # noqa: T201
+            # not to standard output, which is only JSON with --json
+            line = f"live page of '{name}': {self.address} (Ctrl-C ends it)"
+            print(line, file=sys.stderr)  # noqa: T201
             webbrowser.open(self.address)
             with contextlib.suppress(KeyboardInterrupt):
                 self.serve_forever()
