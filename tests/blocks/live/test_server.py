@@ -7,6 +7,7 @@ import socket
 import struct
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
 
 import numpy as np
@@ -98,23 +99,17 @@ def test_rows_are_those_of_a_simulation(middle):
 
 
 def test_two_pages_have_runs_of_their_own():
-    with served(loop(Gain(3.0)), pace=2.0) as server:
+    with served(loop(Gain(3.0)), pace=2.0) as server, ThreadPoolExecutor() as pool:
         plan = server.session.prepared.plan
-        values = [plan.parameters({"block.gain": gain}) for gain in (1.0, 5.0)]
-        found = [None, None]
-
-        def one(k):
-            found[k] = run(server, values[k], 0.5, f"page{k}")[0]
-
-        threads = [threading.Thread(target=one, args=(k,)) for k in (0, 1)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-    for rows, gain in zip(found, (1.0, 5.0), strict=True):
-        np.testing.assert_allclose(
-            rows[:, 1], 1 - np.exp(-gain * rows[:, 0]), rtol=0, atol=1e-6
-        )
+        found = {
+            gain: pool.submit(
+                run, server, plan.parameters({"block.gain": gain}), 0.5, f"page{gain}"
+            )
+            for gain in (1.0, 5.0)
+        }
+    for gain, future in found.items():
+        time, y = future.result()[0].T
+        np.testing.assert_allclose(y, 1 - np.exp(-gain * time), rtol=0, atol=1e-6)
 
 
 def test_a_paced_run_takes_new_values_while_it_goes_on():
