@@ -1,6 +1,6 @@
 // The queue of a worker: the latest values wait until the present run ends, or end it.
 
-const QUIET = 300; // ms between reports of a long run
+const QUIET = 100; // ms between reports of a long run
 const PATIENCE = 1500; // ms after which a run ends for newer values
 const LARGE = 40; // states above which the loop is analysed only when the values rest
 const REST = 200; // ms
@@ -30,7 +30,7 @@ async function serve(job) {
 onmessage = async ({ data: message }) => {
   try {
     if (message.data) engine = await Engine.of(message);
-    else if (!engine?.tune?.(message)) wanted = message;
+    else if (wanted || !engine?.tune?.(message)) wanted = message;
     if (!engine || busy) return;
     busy = true;
     for (let job = wanted; job; job = wanted) {

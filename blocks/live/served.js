@@ -3,7 +3,7 @@
 
 class Engine {
   static of(message) {
-    return Object.assign(new Engine(), message, { name: crypto.randomUUID(), running: false });
+    return Object.assign(new Engine(), message, { name: crypto.randomUUID(), running: null });
   }
 
   post(place, job, signal) {
@@ -12,14 +12,14 @@ class Engine {
 
   /** Return whether new values act on the run that goes on. */
   tune(job) {
-    if (!this.running || !this.data.pace) return false;
+    if (this.running?.steps !== job.steps || !this.data.pace) return false;
     this.post(`tune/${this.name}`, job).catch(() => {}); // the run itself shows a broken connection
     return true;
   }
 
   async run(job, pause) {
     const abort = new AbortController(), { tick, every } = this.data, parts = [];
-    this.running = true;
+    this.running = job;
     try {
       const reply = await this.post(`run/${this.name}/${(job.steps * tick[0]) / tick[1]}`, job, abort.signal);
       if (!reply.ok) throw Error(`the server answers ${reply.status} ${reply.statusText}`);
@@ -38,7 +38,7 @@ class Engine {
       }
       throw Error("the server has ended");
     } finally {
-      this.running = false;
+      this.running = null;
     }
   }
 

@@ -239,6 +239,11 @@ def test_a_served_page_follows_a_slider_during_a_paced_run(window):
         np.testing.assert_allclose(
             place, 2 - 2 * 0.98 ** np.arange(len(place)), rtol=0, atol=1e-9
         )
+        # Another duration begins another run.
+        window.page.locator("#duration").fill("0.5")
+        window.page.locator("#duration").dispatch_event("change")
+        window.wait("trussflowLive.run.progress === undefined")
+        assert window.rows()[0][-1] == 0.5
     assert all(url.startswith((server.address, "blob:")) for url in window.requests)
     assert not window.complaints
 
