@@ -221,12 +221,10 @@ def charts(channels: Sequence[Channel]) -> list[dict[str, Any]]:
     """
     shared: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for channel in channels:
-        port, columns = channel.port, channel.port.elements().ravel()
-        own = "" if columns.size == 1 else channel.name
-        labels = _labels(channel)
-        for label, column, unit in zip(
-            labels, columns.tolist(), port.element_units(), strict=True
-        ):
+        columns = channel.port.elements().ravel().tolist()
+        own = channel.name if len(columns) > 1 else ""
+        units = channel.port.element_units()
+        for label, column, unit in zip(_labels(channel), columns, units, strict=True):
             curve = {
                 "label": label,
                 # The title of a chart has the name already.
@@ -234,15 +232,17 @@ def charts(channels: Sequence[Channel]) -> list[dict[str, Any]]:
                 "column": channel.columns.start + column,
             }
             shared.setdefault((own, readable(unit or "")), []).append(curve)
-    found = []
-    for (own, unit), curves in shared.items():
-        for first in range(0, len(curves), MAX_CURVES):
-            members = curves[first : first + MAX_CURVES]
-            title = own or ", ".join(curve["label"] for curve in members)
-            found.append(
-                {"title": title, "unit": unit, "scalar": not own, "curves": members}
-            )
-    return found
+    return [
+        {
+            "title": own or ", ".join(curve["label"] for curve in members),
+            "unit": unit,
+            "scalar": not own,
+            "curves": members,
+        }
+        for (own, unit), curves in shared.items()
+        for first in range(0, len(curves), MAX_CURVES)
+        for members in [curves[first : first + MAX_CURVES]]
+    ]
 
 
 def _labels(channel: Channel) -> list[str]:

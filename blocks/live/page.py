@@ -20,7 +20,6 @@ import numpy as np
 from trussflow.blocks.errors import DiagramError, SimulationError
 from trussflow.blocks.framework.clock import exact, ticks
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.layout import Layout
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.linear_analysis.references import Reference
 from trussflow.blocks.live.choices import (
@@ -293,15 +292,16 @@ def _simulation(prepared: Prepared, p: Vector, x: Vector, d: Vector) -> dict[str
             str(sum(1 << i for i, c in enumerate(clocks) if c in active))
             for active in prepared.schedule.sets
         ],
-        "places": [_places(plan.x), _places(*plan.layouts[1:-1])],
+        # Name, first and last index of the arrays in x and in d, for messages.
+        "places": [
+            [
+                (f"{e.path}.{e.name}", e.start, e.stop)
+                for layout in group
+                for e in layout
+            ]
+            for group in ([plan.x], plan.layouts[1:-1])
+        ],
     }
-
-
-def _places(*layouts: Layout) -> list[tuple[str, int, int]]:
-    """Return name, first and last index of all arrays, for messages."""
-    return [
-        (f"{e.path}.{e.name}", e.start, e.stop) for layout in layouts for e in layout
-    ]
 
 
 def html(page: Contents, module: bytes | None) -> str:
