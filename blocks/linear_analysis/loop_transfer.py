@@ -220,24 +220,22 @@ class LoopMargins(Described):
     frequency: float
 
     def _described(self) -> Description:
-        table = {}
+        facts = {"": ("gain", "phase", "delay", "crossover", "disk")}
         for name, channel in self.channels.items():
             with np.errstate(divide="ignore"):  # without a limit the factor is zero
                 gains = 20.0 * np.log10([channel.gain_down, channel.gain_up])
-            table[name] = {
-                "gain": f"{gains[0]:.1f} to {gains[1]:.1f} dB",
-                "phase": f"{channel.phase:.1f}°",
-                "delay": f"{channel.delay:.3g} s",
-                "crossover": f"{channel.crossover:.3g} rad/s".replace(
-                    "nan rad/s", "none"
-                ),
-                "disk": f"{channel.disk:.3f}",
-            }
+            facts[name] = (
+                f"{gains[0]:.1f} to {gains[1]:.1f} dB",
+                f"{channel.phase:.1f}°",
+                f"{channel.delay:.3g} s",
+                f"{channel.crossover:.3g} rad/s".replace("nan rad/s", "none"),
+                f"{channel.disk:.3f}",
+            )
         together = (
             f"disk {self.disk:.3f} (±{self.gain:.1f} dB, ±{self.phase:.1f}°) "
             f"at {self.frequency:.3g} rad/s"
         )
-        return Description(f"margins; all channels at once: {together}", table=table)
+        return Description(f"margins; all channels at once: {together}", facts)
 
 
 def loop_margins(

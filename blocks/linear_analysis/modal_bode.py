@@ -68,7 +68,9 @@ def modal_bode(
     LinearAnalysisError
         If the port is an output, no loop passes through it, or the given loop has another number of channels.
     """
-    from trussflow.blocks.support.figures import subplots  # slow to import
+    import matplotlib.pyplot as plt  # slow to import
+
+    from trussflow.blocks.support.figures import NotebookFigure
 
     opened = named(flatten(diagram, external=True), port).port
     if not opened.is_input:
@@ -92,7 +94,13 @@ def modal_bode(
         margins = channels_of(loop)
     except LinearAnalysisError as error:
         title = fill(str(error), 90)
-    figure, (upper, lower) = subplots(2, figsize=(9.0, 7.0))
+    figure, (upper, lower) = plt.subplots(
+        2,
+        sharex=True,
+        figsize=(9.0, 7.0),
+        layout="constrained",
+        FigureClass=NotebookFigure,
+    )
     for k, label in enumerate(loop.input_labels):
         text = label
         if modes:

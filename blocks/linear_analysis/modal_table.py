@@ -74,7 +74,7 @@ class ModalTable(Described):
     modes: tuple[OscillatingMode, ...]
 
     def _described(self) -> Description:
-        table = {}
+        facts = {"": ("frequency", "damping ratio", "driven by")}
         for number, mode in enumerate(self.modes, 1):
             strongest = sorted(mode.shares.items(), key=lambda item: -item[1])[
                 :SHOWN_INPUTS
@@ -82,12 +82,12 @@ class ModalTable(Described):
             driven = ", ".join(
                 f"{name} {share:.0%}" for name, share in strongest if share >= 0.005
             )
-            table[f"mode {number}"] = {
-                "frequency": f"{mode.frequency:.4g} Hz",
-                "damping ratio": f"{mode.damping_ratio:z.3%}",
-                "driven by": driven or "no input",
-            }
-        return Description(f"oscillating modes of {self.name}", table=table)
+            facts[f"mode {number}"] = (
+                f"{mode.frequency:.4g} Hz",
+                f"{mode.damping_ratio:z.3%}",
+                driven or "no input",
+            )
+        return Description(f"oscillating modes of {self.name}", facts)
 
 
 def modal_table(

@@ -66,7 +66,8 @@ def dataset(
     with uninterrupted():
         import pandas as pd
         import xarray as xr
-    _register_accessor()
+
+        import trussflow.blocks.results.accessor  # noqa: F401
 
     # With fastpath, xarray does not import pint, dask and others to find out whether the array is
     # one of theirs.
@@ -201,7 +202,8 @@ def load(path: str | Path) -> xr.Dataset:
     """
     import xarray as xr
 
-    _register_accessor()
+    import trussflow.blocks.results.accessor  # noqa: F401
+
     refuse_other_kinds(path, "read a result from")
     with reading(path, SimulationError, "cannot read a result from") as file:
         # Times are seconds of a run, not dates.
@@ -292,41 +294,23 @@ def plot(result: xr.Dataset, *names: str) -> Figure:
     NameLookupError
         If there is no such signal.
     """
-    from trussflow.blocks.support.figures import subplots  # slow to import
+    import matplotlib.pyplot as plt  # slow to import
+
+    from trussflow.blocks.support.figures import NotebookFigure
 
     groups: dict[str, list[str]] = {}
     for name, signal in _signals(result, "plot", names).data_vars.items():
         groups.setdefault(signal.attrs.get("units", ""), []).append(str(name))
-    figure, rows = subplots(max(1, len(groups)))
-    for axes, (unit, group) in zip(rows, groups.items(), strict=False):
+    figure, rows = plt.subplots(
+        max(1, len(groups)),
+        sharex=True,
+        squeeze=False,
+        layout="constrained",
+        FigureClass=NotebookFigure,
+    )
+    for axes, (unit, group) in zip(rows[:, 0], groups.items(), strict=False):
         units = ", ".join(dict.fromkeys(readable(unit).split(", ")))  # each once
         to_pandas(result[group]).plot(
             ax=axes, xlabel="time [s]", ylabel=f"[{units}]" if unit else ""
         )
     return figure
-
-
-class ResultAccessor:
-    """Methods of a result under the name ``result.trussflow``.
-
-    Parameters
-    ----------
-    result : xarray.Dataset
-        Result of `simulate`.
-    """
-
-    def __init__(self, result: xr.Dataset) -> None:
-        self._result = result
-
-    def plot(self, *names: str) -> Figure:
-        """Return the figure of the signals with these `names`, as the function `plot`."""
-        return plot(self._result, *names)
-
-
-@functools.cache
-def _register_accessor() -> None:
-    """Add `ResultAccessor` to datasets, once, as xarray is imported late."""
-    import xarray as xr
-
-    register: Any = xr.register_dataset_accessor
-    register("trussflow")(ResultAccessor)

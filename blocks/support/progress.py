@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import multiprocessing
 import sys
 import threading
@@ -14,9 +13,8 @@ from typing import Any, TypeVar
 
 from trussflow.blocks.errors import TimeLimitError
 
-with warnings.catch_warnings():
+with warnings.catch_warnings(action="ignore"):
     # In notebooks without ipywidgets it warns, and displays the bars as text.
-    warnings.simplefilter("ignore")
     from tqdm.auto import tqdm
 
 
@@ -136,9 +134,8 @@ class RunBar(ProgressBar):
 
     def close(self) -> None:
         """Close the bar; notebooks mark a bar as failed if it is less than full, also by round-off."""
-        total = self.total or 0.0
-        if not self.disable and math.isclose(self.n, total, rel_tol=1e-9):
-            self.n = total
+        if self.total and self.n > 0.999999999 * self.total:
+            self.n = self.total
         super().close()
 
     @property

@@ -2,62 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from html import escape
 
 MAX_LINE_LENGTH = 110
 """Largest number of characters in a line of text."""
 
-LEFT_ALIGNED = 'style="text-align: left"'
-"""Attribute of table cells, as notebooks align them to the right."""
-
 
 @dataclass(frozen=True, slots=True)
 class Description:
     """Summary of an object: a `title`, `facts` by name, and the summaries of its `parts`.
 
-    A `table` has cells by the names of row and column; all rows have the same columns.
+    A fact is a text, or the cells of a row; the row without a name has the names of the columns.
     """
 
     title: str
-    facts: dict[str, str] = field(default_factory=dict)
+    facts: Mapping[str, str | tuple[str, ...]] = field(default_factory=dict)
     parts: tuple[Description, ...] = ()
-    table: dict[str, dict[str, str]] = field(default_factory=dict)
 
-    def _tables(self) -> Iterator[list[list[str]]]:
-        """Yield the rows of cells of the facts and of the table, if any."""
-        facts = [[name, fact] for name, fact in self.facts.items() if fact]
-        rows = [[name, *row.values()] for name, row in self.table.items()]
-        columns = [["", *row] for row in self.table.values()][:1]
-        yield from filter(None, (facts, columns + rows))
+    def rows(self) -> list[tuple[str, ...]]:
+        """Return the names of the facts with their cells."""
+        return [
+            (name, *([fact] if isinstance(fact, str) else fact))
+            for name, fact in self.facts.items()
+            if fact
+        ]
 
     @property
     def head(self) -> str:
-        """Text without the parts, with one fact or row per line."""
-        lines = [self.title]
-        for table in self._tables():
-            widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-            for row in table:
-                cells = (f"  {c:{w}}" for c, w in zip(row, widths, strict=True))
-                lines.append("".join(cells).rstrip())
-        return "\n".join(lines)
-
-    @property
-    def html(self) -> str:
-        """HTML with tables of the facts and rows, and a list of the parts."""
-        text = f"<p>{escape(self.title)}</p>"
-        for table in self._tables():
-            text += "<table>"
-            for name, *cells in table:
-                tag = "td" if name else "th"  # the row of column names has no name
-                row = "".join(
-                    f"<{tag} {LEFT_ALIGNED}>{escape(c)}</{tag}>" for c in cells
-                )
-                text += f"<tr><th {LEFT_ALIGNED}>{escape(name)}</th>{row}</tr>"
-            text += "</table>"
-        parts = "".join(f"<li>{part.html}</li>" for part in self.parts)
-        return f"{text}<ul>{parts}</ul>" if parts else text
+        """Text without the parts, with one fact per line."""
+        rows = self.rows()
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = ("  ".join(["", *map(str.ljust, row, widths)]).rstrip() for row in rows)
+        return "\n".join([self.title, *lines])
 
     def tree(self, indent: str = "") -> Iterator[str]:
         """Yield the lines of the tree of parts, after an `indent`."""
@@ -88,4 +66,14 @@ class Described:
         return "\n".join([described.head, *described.tree()])
 
     def _repr_html_(self) -> str | None:
-        return self._described().html
+        described = self._described()
+        text = f"<p>{escape(described.title)}</p><table>"
+        for row in described.rows():
+            tag = "td" if row[0] else "th"
+            cells = (
+                # Notebooks would align them to the right.
+                f'<{tag} style="text-align: left">{escape(cell)}</{tag}>'
+                for cell in row
+            )
+            text += f"<tr>{''.join(cells)}</tr>"
+        return f"{text}</table>"
