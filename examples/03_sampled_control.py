@@ -179,8 +179,10 @@ plot(coarse.isel(time=slice(6000, None)))
 # ------
 #
 # * ``Hardware.flight()`` has thrusters, wheels, drives and sensors of the whole truss, and ``mean_axes_transport``
-#   a controller that needs a sample only every 20 ms (:doc:`mean-axes control </mean_axes>`, :doc:`example with
-#   failures </gallery/missions/hardware>`).
+#   a controller that needs a sample only every 20 ms (:doc:`mean-axes control </mean_axes>`, :doc:`a base that
+#   fails </gallery/missions/hardware>`).
+# * ``ThrusterSet.pairs`` has twelve pulsed thrusters for force and torque on all axes (:doc:`table of hardware
+#   </missions>`).
 # * ``Session`` advances a run step by step, for hardware in the loop (:doc:`example </gallery/blocks/session>`).
 # * ``trussflow.fmu.export(law, "law.c", kind="c", step=0.02)`` writes a controller as C for the flight computer
 #   (:doc:`example </gallery/loops/controller_in_c>`).
