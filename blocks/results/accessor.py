@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from trussflow.blocks.results.dataset import plot
 
 
-@xr.register_dataset_accessor("trussflow")
+@xr.register_dataset_accessor("trussflow")  # type: ignore[no-untyped-call]
 @dataclass(frozen=True)
 class ResultAccessor:
     """Methods of a result under the name ``result.trussflow``.

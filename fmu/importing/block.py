@@ -196,7 +196,7 @@ class Fmu(Block):
         fmu = {
             "fmu": f"{description.name}, FMI {description.version}, {self.kind}, {self.file.path}"
         }
-        return replace(own, facts=fmu | own.facts)
+        return replace(own, facts={**fmu, **own.facts})
 
     # -- properties ---------------------------------------------------------------------------
 
