@@ -8,10 +8,10 @@ import inspect
 import re
 import shutil
 import sys
-from contextlib import suppress
 from pathlib import Path
 
 from latex2mathml.converter import convert
+from sphinx.util.logging import getLogger
 from tqdm import tqdm
 
 import trussflow
@@ -56,22 +56,31 @@ suppress_warnings = ["config.cache"]
 # -- the gallery ------------------------------------------------------------------------------
 
 
+LIVE = EXAMPLES, EXAMPLES / "loops", EXAMPLES / "blocks"
+"""Folders of the examples with live pages; flexible trusses elsewhere would take minutes to compile."""
+
+
 def scrape(block, variables, settings):
     """Return the pictures and pages that a cell of an example wrote, and the live page of its last diagram."""
     source = Path(variables["src_file"])
     folder, shown = source.parent, []
     text = source.read_text(encoding="utf-8")
     diagrams = [
-        v for v in variables["example_globals"].values() if isinstance(v, Diagram)
-    ][-1:]
-    for whole in diagrams:
+        v
+        for v in variables["example_globals"].values()
+        if isinstance(v, Diagram) and v.parent is None
+    ]
+    for whole in diagrams[-1:]:
         if not re.search(r"plt\.|draw\(", text):
             # no picture of its own
             whole.draw(source.with_suffix(".svg"))
-        # The last cell, as earlier diagrams may not be complete.
-        if text.rstrip().endswith(block[1].rstrip()):
-            with suppress(DiagramError):  # with Python blocks or FMUs
-                whole.live(source.with_suffix(".live.html"))
+        # After the last cell with code, as earlier diagrams may not be complete.
+        below = text.rpartition(block[1].rstrip())[2].splitlines()
+        if folder in LIVE and all(line[:1] in ("", "#") for line in below):
+            try:
+                whole.live(folder / "live.html")
+            except DiagramError as error:  # Python blocks, FMUs, or open inputs
+                getLogger(__name__).info("%s has no live page: %s", source.name, error)
     for file in sorted(
         [*folder.glob("*.svg"), *folder.glob("*.html")], key=lambda f: f.stat().st_mtime
     ):
@@ -83,10 +92,15 @@ def scrape(block, variables, settings):
                 f".. image:: /gallery/{name}\n   :class: diagram\n   :alt: {file.stem}\n"
             )
         else:
-            shutil.move(file, HERE / "pages" / file.name)
+            page = f"{source.stem}_{file.name}"  # names of files are not unique
+            shutil.move(file, HERE / "pages" / page)
             up = "../" * len(source.relative_to(EXAMPLES).parts)
+            if file.name == "live.html":
+                shown.append(
+                    "A slider simulates the last diagram again, in the browser:\n"
+                )
             shown.append(
-                f'.. raw:: html\n\n   <iframe class="replay" src="{up}{file.name}"></iframe>\n'
+                f'.. raw:: html\n\n   <iframe class="replay" src="{up}{page}"></iframe>\n'
             )
     return "\n".join(shown)
 

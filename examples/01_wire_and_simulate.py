@@ -131,7 +131,7 @@ abs(result["truss.base_force"]).max("time").to_pandas().round(3)
 
 # %%
 # No base needs more than 3.3 N. Truss and robots are 577 kg, and the trajectory accelerates them by at most 9.6
-# mm/s², which is 5.5 N for all bases together. The bases share it so that the truss does not turn.
+# mm/s², which is 5.6 N for all bases together. The bases share it so that the truss does not turn.
 #
 # ``plot`` shows signals over time, one subplot for each unit. The method ``result.trussflow.plot(...)`` does the
 # same; ``result.plot`` is xarray's own.
