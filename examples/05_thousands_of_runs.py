@@ -101,7 +101,8 @@ swept[["force", "error"]].quantile([0.05, 0.5, 0.95, 1.0]).to_dataframe()
 # Critical values
 # ---------------
 #
-# Each point is a run. Many runs reach the limit of the thrusters for a while. Only pulls above 2 N leave an error.
+# Each point is a run. Many runs reach the limit of the thrusters for a while. Only pulls above 2 N leave an error of
+# more than 1 mm.
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.5), layout="constrained")
 left.scatter(swept["pull.value[0]"], swept["force"], 4)

@@ -11,6 +11,8 @@ import pytest
 from documents import COMMANDS, DOCS, FENCES, FILES, GENERATED, TEXTS
 from sources import ROOT
 
+from trussflow.blocks import Constant, Diagram, Gain
+
 LINK = re.compile(r"\]\(([^)#:]+)(?:#[^)]*)?\)")
 
 
@@ -114,6 +116,31 @@ def test_notebooks_have_the_texts_of_links_to_pages():
     link = runpy.run_path(str(DOCS / "conf.py"))["PAGE_LINK"]
     for source in (":doc:`a page </page>`", r":doc:`a page\n</page>`"):  # JSON
         assert link.sub(r"\1", f"see {source}, twice") == "see a page, twice"
+
+
+def test_last_cell_of_an_example_shows_its_whole_diagram_live(tmp_path):
+    pytest.importorskip("latex2mathml")
+    pytest.importorskip("ziglang")
+    scrape = runpy.run_path(str(DOCS / "conf.py"))["scrape"]
+    scrape.__globals__.update(HERE=tmp_path, EXAMPLES=tmp_path, LIVE=[tmp_path])
+    (tmp_path / "pages").mkdir()
+    source = tmp_path / "loop.py"
+    source.write_text("first = 1\n\nlast = plt.draw()\n\n# %%\n# The end.\n")
+    inner, whole = Diagram("inner"), Diagram("whole")
+    inner.add(gain=Gain(2.0))
+    inner.expose(u=inner.gain.u, y=inner.gain.y)
+    whole.add(one=Constant(1.0), inner=inner)
+    whole.one >> inner.u
+    seen = {"example_globals": {"whole": whole, "inner": inner}, "src_file": source}
+    assert scrape(("code", "first = 1\n", 1), seen, {}) == ""
+    assert 'src="../loop_live.html"' in scrape(
+        ("code", "last = plt.draw()\n", 3), seen, {}
+    )
+    page = (tmp_path / "pages" / "loop_live.html").read_text(encoding="utf-8")
+    assert "inner.gain" in page
+    seen["example_globals"] = {"without_input": Diagram("open")}
+    seen["example_globals"]["without_input"].add(gain=Gain(1.0))
+    assert scrape(("code", "last = plt.draw()\n", 3), seen, {}) == ""
 
 
 def test_every_page_is_in_the_contents():
