@@ -120,11 +120,11 @@ from trussflow.blocks.linear_analysis.trim import trim as trim
 
 # sets the function of Diagram that writes live pages
 from trussflow.blocks.live import page as _live  # noqa: F401
+from trussflow.blocks.results.conversions import plot as plot
+from trussflow.blocks.results.conversions import to_control as to_control
+from trussflow.blocks.results.conversions import to_pandas as to_pandas
 from trussflow.blocks.results.dataset import load as load
-from trussflow.blocks.results.dataset import plot as plot
 from trussflow.blocks.results.dataset import save as save
-from trussflow.blocks.results.dataset import to_control as to_control
-from trussflow.blocks.results.dataset import to_pandas as to_pandas
 from trussflow.blocks.results.streamed_log import recover as recover
 from trussflow.blocks.simulation.session import Session as Session
 from trussflow.blocks.simulation.simulator import Simulator as Simulator

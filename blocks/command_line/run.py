@@ -10,7 +10,8 @@ from trussflow.blocks.errors import DiagramError, NameLookupError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.library.sources import Constant
-from trussflow.blocks.results.dataset import plot, save, to_pandas
+from trussflow.blocks.results.conversions import plot, to_pandas
+from trussflow.blocks.results.dataset import save
 from trussflow.blocks.simulation.adaptive import METHODS
 from trussflow.blocks.simulation.simulator import simulate
 from trussflow.blocks.simulation.solver import FIXED_STEP

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import xarray as xr
 from matplotlib.figure import Figure
 
-from trussflow.blocks.results.dataset import plot
+from trussflow.blocks.results.conversions import plot
 
 
 @xr.register_dataset_accessor("trussflow")  # type: ignore[no-untyped-call]

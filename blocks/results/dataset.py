@@ -10,26 +10,22 @@ import shutil
 import sys
 from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
-from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 
-from trussflow.blocks.errors import NameLookupError, SimulationError
-from trussflow.blocks.framework.units import readable
+from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.results.channels import Channel
+from trussflow.blocks.results.conversions import signals_of
 from trussflow.blocks.support.files import reading, replaced
 from trussflow.blocks.support.interrupts import uninterrupted
 from trussflow.blocks.support.types import Vector
-from trussflow.blocks.support.validation import as_path, shown
+from trussflow.blocks.support.validation import as_path
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray as xr
-    from control import TimeResponseData
-    from matplotlib.figure import Figure
 
 
 @functools.cache
@@ -131,22 +127,6 @@ def refuse_other_kinds(path: str | Path, doing: str = "write the result to") -> 
         )
 
 
-def _signals(result: Any, doing: str, names: Sequence[str] = ()) -> xr.Dataset:
-    """Return the signals with these `names`, or all, of a `result`; messages name the action, `doing`."""
-    if not hasattr(result, "to_netcdf"):
-        raise SimulationError(
-            f"cannot {doing} {shown(result)}: it is no result of a run"
-        )
-    for name in names:
-        if name not in result.data_vars:
-            there = ", ".join(map(str, result.data_vars)) or "none"
-            raise NameLookupError(
-                f"cannot {doing} {shown(name)}: the signals of the result are: {there}"
-            )
-    chosen: xr.Dataset = result[[*names]] if names else result
-    return chosen
-
-
 def save(result: xr.Dataset, path: str | Path) -> Path:
     """Write a result to a netCDF file, which keeps units and provenance; MATLAB reads it with ``ncread``.
 
@@ -163,7 +143,7 @@ def save(result: xr.Dataset, path: str | Path) -> Path:
         If the file cannot be written or is not named .nc, or `result` is not the result of a run.
     """
     refuse_other_kinds(path)
-    _signals(result, f"write to '{path}'")
+    signals_of(result, f"write to '{path}'")
     # With pandas 3, older versions of xarray cannot write labels of type object.
     texts = {
         name: c.astype(str) for name, c in result.coords.items() if c.dtype == object
@@ -208,109 +188,3 @@ def load(path: str | Path) -> xr.Dataset:
     with reading(path, SimulationError, "cannot read a result from") as file:
         # Times are seconds of a run, not dates.
         return xr.load_dataset(file, engine="netcdf4", decode_times=False)
-
-
-def to_pandas(result: xr.Dataset) -> pd.DataFrame:
-    """Return a result as a table: a row for each time, a column for each element, such as ``plant.q[0]``.
-
-    Elements with labels are named by them, such as ``plant.position[z]``.
-
-    Parameters
-    ----------
-    result : xarray.Dataset
-        Result of `simulate`.
-    """
-    import pandas as pd
-
-    columns = {}
-    for name, signal in _signals(result, "tabulate").data_vars.items():
-        # Elements of axes without labels are numbered.
-        labels = [
-            signal[d].values if d in signal.coords else range(signal.sizes[d])
-            for d in signal.dims[1:]
-        ]
-        for index, label in zip(
-            np.ndindex(signal.shape[1:]), product(*labels), strict=True
-        ):
-            element = f"[{', '.join(map(str, label))}]" if index else ""
-            columns[f"{name}{element}"] = signal.values[:, *index]
-    return pd.DataFrame(columns, index=pd.Index(result["time"].values, name="time"))
-
-
-def to_control(
-    result: xr.Dataset, outputs: Sequence[str], inputs: Sequence[str] = ()
-) -> TimeResponseData:
-    """Return signals of a result as the `control.TimeResponseData` of python-control.
-
-    Parameters
-    ----------
-    result : xarray.Dataset
-        Result of `simulate`.
-    outputs, inputs : sequence of str
-        Names of the signals.
-
-    Raises
-    ------
-    NameLookupError
-        If there is no such signal.
-    """
-    from control import TimeResponseData
-
-    given, driving = (
-        to_pandas(_signals(result, "convert", names)) if names else None
-        for names in (outputs, inputs)
-    )
-    if given is None:
-        raise SimulationError("cannot convert no signals: name the outputs")
-    return TimeResponseData(
-        result["time"].values,
-        given.values.T,
-        inputs=None if driving is None else driving.values.T,
-        issiso=False,
-        output_labels=[*given],
-        input_labels=None if driving is None else [*driving],
-    )
-
-
-def plot(result: xr.Dataset, *names: str) -> Figure:
-    """Plot signals of a result over time, with one subplot for each unit.
-
-    A result has this function as a method: ``result.trussflow.plot(*names)``; ``result.plot`` is xarray's own.
-
-    Parameters
-    ----------
-    result : xarray.Dataset
-        Result of `simulate`.
-    *names : str
-        Names of the signals; by default all.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The figure.
-
-    Raises
-    ------
-    NameLookupError
-        If there is no such signal.
-    """
-    import matplotlib.pyplot as plt  # slow to import
-
-    from trussflow.blocks.support.figures import NotebookFigure
-
-    groups: dict[str, list[str]] = {}
-    for name, signal in _signals(result, "plot", names).data_vars.items():
-        groups.setdefault(signal.attrs.get("units", ""), []).append(str(name))
-    figure, rows = plt.subplots(
-        max(1, len(groups)),
-        sharex=True,
-        squeeze=False,
-        layout="constrained",
-        FigureClass=NotebookFigure,
-    )
-    for axes, (unit, group) in zip(rows[:, 0], groups.items(), strict=False):
-        units = ", ".join(dict.fromkeys(readable(unit).split(", ")))  # each once
-        to_pandas(result[group]).plot(
-            ax=axes, xlabel="time [s]", ylabel=f"[{units}]" if unit else ""
-        )
-    return figure

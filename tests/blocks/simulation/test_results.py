@@ -36,7 +36,8 @@ from trussflow.blocks.errors import (
     WiringError,
 )
 from trussflow.blocks.framework.port import Inferable
-from trussflow.blocks.results.dataset import load, plot, save, to_control, to_pandas
+from trussflow.blocks.results.conversions import plot, to_control, to_pandas
+from trussflow.blocks.results.dataset import load, save
 
 ROUND_OFF = 1e-12  # of times, sums of some hundred steps
 
