@@ -36,7 +36,12 @@ def defined(module_name):
                 yield name, item, of_class
             for member_name, member in vars(item).items():
                 function = getattr(member, "__func__", member)
-                if inspect.isfunction(function) and not member_name.startswith("_"):
+                # Matplotlib adds a function of its own to each class of figures.
+                if (
+                    inspect.isfunction(function)
+                    and function.__module__ == module_name
+                    and not member_name.startswith("_")
+                ):
                     versions = [vars(base).get(member_name) for base in item.__mro__]
                     yield (
                         f"{name}.{member_name}",

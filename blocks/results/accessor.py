@@ -9,7 +9,7 @@ from trussflow.blocks.results.conversions import plot
 
 
 @xr.register_dataset_accessor("trussflow")  # type: ignore[no-untyped-call]
-@dataclass(frozen=True)
+@dataclass
 class ResultAccessor:
     """Methods of a result under the name ``result.trussflow``.
 
