@@ -100,7 +100,7 @@ def scrape(block, variables, settings):
                     "A slider simulates the last diagram again, in the browser:\n"
                 )
             shown.append(
-                f'.. raw:: html\n\n   <iframe class="replay" src="{up}{page}"></iframe>\n'
+                f'.. raw:: html\n\n   <iframe class="replay" loading="lazy" src="{up}{page}"></iframe>\n'
             )
     return "\n".join(shown)
 
