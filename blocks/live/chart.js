@@ -1,31 +1,29 @@
 "use strict";
-// Charts on canvas: axes with SI prefixes, decimated curves, cursor, zoom in x, a kept run behind.
+// Charts on canvas over one variable: axes with SI prefixes, equal curves told apart, cursor, zoom, a second run.
 
 const COLOURS = ["#2563eb", "#dc2626", "#16a34a", "#d97706", "#9333ea", "#0891b2", "#db2777", "#65a30d"];
-const PREFIXES = { "-12": "p", "-9": "n", "-6": "µ", "-3": "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T" };
-const PREFIXABLE = /^(m|s|N|rad|Pa|J|W|A|V|Hz|K|g)(?![\w²³⁴^½])/; // a square of a prefixed unit is another unit
-
-/** Return a number with four digits. */
-function short(value) {
-  if (!Number.isFinite(value)) return "–";
-  const size = Math.abs(value);
-  if (size !== 0 && (size < 1e-3 || size >= 1e5)) return value.toExponential(2).replace("e", "·10^").replace("+", "");
-  return String(Number(value.toPrecision(4)));
-}
+const DASHES = [[], [7, 3], [2, 2.5], [8, 3, 2, 3]]; // of curves that have one colour
+const PIECE = 9; // of each curve in a line that several curves share [px]
+const PREFIXES = { "-12": "p", "-9": "n", "-6": "µ", "-3": "m", 3: "k", 6: "M", 9: "G", 12: "T" };
+const PREFIXABLE = /^(m|s|N|rad|Pa|J|W|A|V|Hz|K|g)(?![\w²³⁴^½]|.*,)/; // a square of a prefixed unit is another unit
+const ONLY_SMALL = /^(s|rad)/; // units without prefixes for large numbers
 
 /** Return the factor and the unit in which numbers up to `size` are shown. */
 function scaled(size, unit) {
-  const power = size > 0 && Number.isFinite(size) ? 3 * Math.floor(Math.log10(size * 1.000001) / 3) : 0;
-  if (PREFIXABLE.test(unit) && power in PREFIXES) return [10 ** -power, PREFIXES[power] + unit];
-  if (power > 3 || power < -3) return [10 ** -power, `10^${power}${unit && " "}${unit}`];
-  return [1, unit];
+  if (!(size > 0 && size < Infinity) || (size >= 0.1 && size < 1e4)) return [1, unit];
+  const power = 3 * Math.floor(Math.log10(size) / 3 + 1e-9), factor = 10 ** -power;
+  const fits = PREFIXABLE.test(unit) && !(power > 0 && ONLY_SMALL.test(unit));
+  if (fits && power in PREFIXES) return [factor, PREFIXES[power] + unit];
+  const raised = String(power).replace(/./g, (c) => (c === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[c]));
+  return [factor, `10${raised} ${unit}`.trim()];
 }
 
-/** Return a number with its unit and prefix. */
-function quantity(value, unit) {
+/** Return a number of four digits with its unit and prefix. */
+function quantity(value, unit = "") {
   if (!Number.isFinite(value)) return "–";
-  const [factor, shown] = PREFIXABLE.test(unit) ? scaled(Math.abs(value), unit) : [1, unit];
-  return `${short(value * factor)}${shown && " "}${shown}`;
+  const size = Math.abs(value), [factor, shown] = scaled(size, unit), text = (number) => Number(number.toPrecision(4));
+  if (!shown.startsWith("10")) return `${text(value * factor)} ${shown}`.trim();
+  return size >= 1e-3 && size < 1e5 ? `${text(value)} ${unit}`.trim() : `${text(value * factor)}·${shown}`;
 }
 
 /** Return round numbers between two ends. */
@@ -59,50 +57,93 @@ function write(node, text) {
   if (node.textContent !== text) node.textContent = text;
 }
 
+/** Return lists of the lines that lie on each other within a tolerance. */
+function equalLines(lines, tolerance) {
+  const groups = [];
+  for (const line of lines) {
+    const group = groups.find(([{ values, first, last }]) => {
+      for (let k = first; k <= last; ++k) {
+        const a = values[k], b = line.values[k];
+        if (Math.abs(a - b) > tolerance || Number.isFinite(a) !== Number.isFinite(b)) return false;
+      }
+      return true;
+    });
+    if (group) group.push(line); else groups.push([line]);
+  }
+  return groups;
+}
+
+/** Draw a path in the colours of equal lines, which alternate along it. */
+function stroke(g, group, path) {
+  group.forEach(({ curve }, k) => {
+    g.strokeStyle = curve.colour;
+    g.lineDashOffset = -k * PIECE;
+    g.setLineDash(group.length > 1 ? [PIECE, PIECE * (group.length - 1)] : curve.dash);
+    g.beginPath();
+    path();
+    g.stroke();
+  });
+}
+
 /** Chart of curves over one variable.
 
- * `view` is shared by charts of one variable: {label, unit, log, range, cursor, changed()}. A curve has a label and
- * `values(run)`, and `run.time` are the places; `show(run, kept)` draws. */
+ * `view` is shared by charts of one variable: {label, unit, log, ends, range, cursor, hover, pick(value), changed(all)};
+ * `all` says that the range is new, otherwise only the cursor. A curve has a label, perhaps a colour, and `values(run)`,
+ * and `run.time` are the places; `show(run, kept)` draws. */
 class Chart {
-  constructor(parent, { title, unit, curves }, view) {
-    Object.assign(this, { unit, curves, view });
-    this.box = element("div", "chart");
+  constructor(parent, { title = "", unit, curves }, view) {
+    const colours = curves.map(({ colour }, i) => colour ?? COLOURS[i % COLOURS.length]);
+    const before = (i) => colours.slice(0, i).filter((colour) => colour === colours[i]).length;
+    this.curves = curves.map((curve, i) => ({ ...curve, colour: colours[i], dash: DASHES[before(i) % DASHES.length] }));
+    Object.assign(this, { parent, unit, view, names: "", readouts: [] });
+    const box = element("div", "chart"), axes = element("div", "axes");
     this.canvas = element("canvas");
+    this.cursor = element("div", "cursor");
+    this.band = element("div", "band");
     this.legend = element("div", "legend");
-    this.box.append(element("h2", "", title), this.canvas, this.legend);
-    this.readouts = curves.map(({ label, brief }, i) => {
-      const item = element("span"), mark = element("i"), value = element("b");
-      mark.style.background = COLOURS[i % COLOURS.length];
-      item.append(mark, `${brief ?? label} `, value);
-      this.legend.append(item);
-      return value;
-    });
-    parent.append(this.box);
+    this.cursor.hidden = this.band.hidden = true;
+    axes.append(this.canvas, this.cursor, this.band);
+    if (title) box.append(element("h2", "", title));
+    box.append(axes, this.legend);
+    parent.append(box);
     this.listen();
+    new ResizeObserver(() => this.draw()).observe(this.canvas);
   }
 
   listen() {
-    const { canvas, view } = this;
+    const { canvas, band, view } = this;
     let from = null;
-    const at = (event) => this.inverse(event.clientX - canvas.getBoundingClientRect().left);
+    const at = (event) => this.inverse(event.offsetX);
+    const dragged = (event) => from !== null && Math.abs(event.offsetX - from) > 5
+      && [this.inverse(from), at(event)].sort((a, b) => a - b);
+    const end = () => {
+      from = null;
+      band.hidden = true;
+    };
     canvas.onpointerdown = (event) => {
-      from = event.clientX;
+      from = event.offsetX;
       canvas.setPointerCapture(event.pointerId);
     };
     canvas.onpointermove = (event) => {
-      this.drag = from !== null && Math.abs(event.clientX - from) > 5
-        ? [this.inverse(from - canvas.getBoundingClientRect().left), at(event)].sort((a, b) => a - b) : null;
+      const range = dragged(event);
+      band.hidden = !range;
+      if (range) {
+        const [left, right] = range.map((value) => this.place(value));
+        Object.assign(band.style, { left: `${left}px`, width: `${right - left}px` });
+      }
       view.hover = at(event);
       view.changed();
     };
     canvas.onpointerup = (event) => {
-      if (this.drag && this.drag[1] > this.drag[0]) view.range = this.drag;
+      const range = dragged(event);
+      if (range && range[1] > range[0]) view.range = range;
       else if (from !== null && view.pick) view.pick(at(event));
-      from = this.drag = null;
-      view.changed();
+      end();
+      view.changed(true);
     };
+    canvas.onpointercancel = end; // a finger scrolls the page
     canvas.onpointerleave = () => { view.hover = null; view.changed(); };
-    canvas.ondblclick = () => { view.range = null; view.changed(); };
+    canvas.ondblclick = () => { view.range = null; view.changed(true); };
   }
 
   place(value) {
@@ -117,21 +158,25 @@ class Chart {
   }
 
   show(run, kept) {
-    this.run = run;
-    const { canvas, view } = this, ratio = window.devicePixelRatio || 1;
-    const width = (this.width = canvas.clientWidth), height = (this.height = canvas.clientHeight);
+    Object.assign(this, { run, kept });
+    this.draw();
+  }
+
+  draw() {
+    const { canvas, view, run, kept } = this, ratio = window.devicePixelRatio || 1;
+    const width = (this.width = canvas.clientWidth), height = canvas.clientHeight;
+    if (!run || !width) return;
     if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
       canvas.width = Math.round(width * ratio);
       canvas.height = Math.round(height * ratio);
     }
-    const g = canvas.getContext("2d", { willReadFrequently: true }), style = getComputedStyle(document.documentElement);
+    const g = canvas.getContext("2d", { willReadFrequently: true });
     g.setTransform(ratio, 0, 0, ratio, 0, 0);
     g.clearRect(0, 0, width, height);
     g.font = "12px system-ui, sans-serif";
-    const time = run.time;
-    this.ends = view.range || [time[0], view.end || time[time.length - 1]];
+    this.ends = view.range || view.ends || [run.time[0], run.time[run.time.length - 1]];
     if (!(this.ends[1] > this.ends[0])) this.ends = [this.ends[0], this.ends[0] + 1];
-    const lines = [run, ...(kept ? [kept] : [])].map((one) => this.curves.map((curve) => this.line(one.time, curve.values(one))));
+    const lines = [run, kept].filter(Boolean).map((one) => this.curves.map((curve) => this.line(one.time, curve, curve.values(one))));
     let low = Infinity, high = -Infinity;
     for (const line of lines.flat()) {
       low = Math.min(low, line.low);
@@ -146,43 +191,60 @@ class Chart {
     // A curve that is constant but for round-off is flat.
     const size = Math.max(Math.abs(low), Math.abs(high)), least = size * 1e-9 || 1;
     if (high - low < least) [low, high] = [low - (size || 1) * 0.1, high + (size || 1) * 0.1];
+    const groups = lines.map((each) => equalLines(each, (high - low) / 400));
     const edge = 0.06 * (high - low), bottom = height - 34;
     [low, high] = [low - edge, high + edge];
     const y = (v) => 6 + ((high - v) / (high - low)) * (bottom - 6);
-    this.grid(g, style, low, high, y, bottom);
+    this.grid(g, low, high, y, bottom);
     g.save();
     g.beginPath();
     g.rect(58, 2, width - 68, bottom);
     g.clip();
-    lines.forEach((group, n) => group.forEach((line, i) => {
-      g.strokeStyle = COLOURS[i % COLOURS.length];
-      g.lineWidth = n ? 1.2 : 1.7;
-      g.globalAlpha = n ? 0.6 : 1;
-      g.setLineDash(n ? [5, 4] : []);
-      g.beginPath();
-      for (let k = 0; k < line.points.length; k += 2) g.lineTo(line.points[k], y(line.points[k + 1]));
-      g.stroke();
+    groups.forEach((found, n) => found.forEach((group, k) => {
+      // Early curves are wide: late ones that run close by do not cover them.
+      g.lineWidth = (n ? 1.8 : 2.4) - (0.8 * k) / found.length;
+      g.globalAlpha = n ? 0.55 : 1;
+      const [{ points }] = group;
+      stroke(g, group, () => {
+        for (let i = 0; i < points.length; i += 2) g.lineTo(points[i], y(points[i + 1]));
+      });
     }));
     g.restore();
-    const cursor = view.hover ?? view.cursor;
-    if (this.drag) {
-      g.fillStyle = style.getPropertyValue("--accent") + "33";
-      g.fillRect(this.place(this.drag[0]), 6, this.place(this.drag[1]) - this.place(this.drag[0]), bottom - 6);
+    this.name(groups[0]);
+    this.mark();
+  }
+
+  /** Write the legend, one entry for equal curves, if it is new. */
+  name(groups) {
+    const texts = groups.map((group) => group.map(({ curve }) => curve.brief ?? curve.label).join(" = "));
+    if (this.names === (this.names = JSON.stringify(texts))) return;
+    this.legend.textContent = "";
+    this.readouts = groups.map((group, k) => {
+      const item = element("span"), swatch = element("canvas"), value = element("b"), g = swatch.getContext("2d");
+      [swatch.width, swatch.height] = [54, 16];
+      g.scale(2, 2);
+      g.lineWidth = 2;
+      stroke(g, group, () => { g.moveTo(0, 4); g.lineTo(27, 4); });
+      item.append(swatch, texts[k], value);
+      this.legend.append(item);
+      return [group[0].curve, value];
+    });
+  }
+
+  /** Show cursor and values. */
+  mark() {
+    if (!this.ends) return;
+    const { view, run, kept } = this, cursor = view.hover ?? view.cursor;
+    this.cursor.hidden = cursor == null || cursor < this.ends[0] || cursor > this.ends[1];
+    if (!this.cursor.hidden) this.cursor.style.left = `${this.place(cursor)}px`;
+    for (const [curve, readout] of this.readouts) {
+      const [now, before] = [run, kept].map((one) => one && quantity(curve.values(one)[indexOf(one.time, cursor ?? Infinity)] * this.factor));
+      write(readout, before === undefined ? now : `${now} (${before})`);
     }
-    if (cursor != null && cursor >= this.ends[0] && cursor <= this.ends[1]) {
-      g.strokeStyle = style.getPropertyValue("--quiet");
-      g.lineWidth = 1;
-      g.beginPath();
-      g.moveTo(this.place(cursor), 6);
-      g.lineTo(this.place(cursor), bottom);
-      g.stroke();
-    }
-    const row = cursor == null ? time.length - 1 : indexOf(time, cursor);
-    this.readouts.forEach((readout, i) => write(readout, quantity(this.curves[i].values(run)[row], this.unit)));
   }
 
   /** Return the points of a curve, at most a least and a largest one in each pixel, and its ends. */
-  line(time, values) {
+  line(time, curve, values) {
     const points = [], [from, to] = this.ends;
     const first = Math.max(0, indexOf(time, from)), last = Math.min(time.length - 1, indexOf(time, to) + 1);
     let low = Infinity, high = -Infinity, pixel = NaN, least = 0, most = 0;
@@ -203,34 +265,35 @@ class Chart {
       else if (v > values[most]) most = i;
     }
     flush();
-    return { points, low, high };
+    return { curve, values, first, last, points, low, high };
   }
 
-  grid(g, style, low, high, y, bottom) {
-    const { view, width } = this, [factor, unit] = scaled(Math.max(Math.abs(low), Math.abs(high)), this.unit);
+  grid(g, low, high, y, bottom) {
+    const { view, width } = this, style = getComputedStyle(document.documentElement), [from, to] = this.ends;
+    const [factor, unit] = scaled(Math.max(Math.abs(low), Math.abs(high)), this.unit);
+    this.factor = factor;
     g.strokeStyle = style.getPropertyValue("--line");
     g.fillStyle = style.getPropertyValue("--quiet");
     g.lineWidth = 1;
+    const line = (x, y, X, Y) => {
+      g.beginPath();
+      g.moveTo(x, y);
+      g.lineTo(X, Y);
+      g.stroke();
+    };
     g.textAlign = "right";
     g.textBaseline = "middle";
-    for (const tick of ticks(low * factor, high * factor, 5)) {
+    for (const tick of ticks(low * factor, high * factor, 6)) {
       const py = Math.round(y(tick / factor)) + 0.5;
-      g.beginPath();
-      g.moveTo(58, py);
-      g.lineTo(width - 12, py);
-      g.stroke();
+      line(58, py, width - 12, py);
       g.fillText(String(tick), 53, py);
     }
     g.textAlign = "center";
     g.textBaseline = "top";
-    const [from, to] = this.ends;
     const along = view.log ? ticks(Math.log10(from), Math.log10(to), 7).filter(Number.isInteger).map((e) => 10 ** e) : ticks(from, to, 7);
     for (const tick of along) {
       const px = Math.round(this.place(tick)) + 0.5;
-      g.beginPath();
-      g.moveTo(px, 6);
-      g.lineTo(px, bottom);
-      g.stroke();
+      line(px, 6, px, bottom);
       g.fillText(String(Number(tick.toPrecision(6))), px, bottom + 4);
     }
     g.fillText(`${view.label} [${view.unit}]`, 58 + (width - 70) / 2, bottom + 19);

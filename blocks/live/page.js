@@ -45,7 +45,7 @@ worker.onmessage = ({ data: message }) => {
   $("progress").hidden = !partial;
   $("progress").value = message.progress || 0;
   live.run = message;
-  view.end = steps * seconds;
+  view.ends = [message.time[0], steps * seconds];
   trouble(message.fault && `${message.fault}. The charts end there; try other values.`);
   if (!partial) write($("status"), `${steps} steps of ${quantity(seconds, "s")} in ${quantity(message.seconds, "s")}`);
   redraw();
@@ -67,7 +67,7 @@ function redraw() {
     for (const chart of charts) chart.show(live.run, kept);
     if (live.run.progress === undefined) table();
     const now = Math.min(view.hover ?? view.cursor ?? Infinity, live.run.time[live.run.time.length - 1]);
-    write($("now"), `${short(now)} s`);
+    write($("now"), `${quantity(now)} s`);
     $("cursor").value = now / (steps * seconds);
     update(now);
     live.redraws += 1;
@@ -139,19 +139,19 @@ function lines(table, titles, cells) {
 
 function analysis(found) {
   live.loop = found;
-  const decibel = (factor) => `${short(20 * Math.log10(factor))} dB`, none = "–", { stable } = found;
+  const decibel = (factor) => `${quantity(20 * Math.log10(factor))} dB`, none = "–", { stable } = found;
   lines($("margins"), ["margins", ""], stable ? [
     ["gain up", found.up < Infinity ? decibel(found.up) : "∞"],
     ["gain down", found.down > 0 ? decibel(found.down) : "∞"],
-    ["phase", found.angle < Infinity ? `${short(found.angle)}°` : none],
+    ["phase", found.angle < Infinity ? `${quantity(found.angle)}°` : none],
     ["delay", found.delay < Infinity ? quantity(found.delay, "s") : none],
-    ["crossover", found.crossover > 0 ? `${short(found.crossover)} rad/s` : none],
+    ["crossover", found.crossover > 0 ? `${quantity(found.crossover)} rad/s` : none],
   ] : [["the closed loop is unstable", ""]]);
   $("margins").className = stable ? "" : "unstable";
   const upper = found.poles.map(([x, y]) => [x, Math.abs(y) < 1e-6 * Math.abs(x) ? 0 : y]).filter(([, y]) => y >= 0).sort((a, b) => b[0] - a[0]).slice(0, 10);
   lines($("list"), ["slowest closed-loop poles", "frequency", "damping"], upper.map(([x, y]) => {
     const size = Math.hypot(x, y);
-    return [`${short(x)}${y > 0 ? ` ± ${short(y)}j` : ""}`, `${short(size)} rad/s`, short(size ? -x / size : 1)];
+    return [`${quantity(x)}${y > 0 ? ` ± ${quantity(y)}j` : ""}`, `${quantity(size)} rad/s`, quantity(size ? -x / size : 1)];
   }));
   bode();
 }
@@ -301,7 +301,6 @@ function update(time) {
 }
 
 window.onhashchange = () => { recall(); ask(); };
-window.onresize = () => { redraw(); bode(); };
-matchMedia("(prefers-color-scheme: dark)").onchange = window.onresize;
+matchMedia("(prefers-color-scheme: dark)").onchange = () => { redraw(); bode(); };
 recall();
 begin().catch((error) => trouble(`This page cannot simulate: ${error}`));

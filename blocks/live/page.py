@@ -322,7 +322,7 @@ def html(page: Contents, module: bytes | None) -> str:
     return Template(text("page.html")).substitute(
         title=escape(page.data["name"]),
         connect="" if module else "connect-src 'self'",
-        style=text("page.css"),
+        style=text("chart.css") + text("page.css"),
         # A script ends at "</script", also in a string.
         panels="".join(
             f"<script>{panel.script.replace('</', '<' + chr(92) + '/')}</script>\n"

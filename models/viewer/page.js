@@ -31,21 +31,10 @@ const replaced = (value, blob) => {
   return Object.fromEntries(Object.entries(value).map(([k, v]) => [k, replaced(v, blob)]));
 };
 
-// The last instant logged that is not after t.
-function index(time, t) {
-  let low = 0, high = time.length - 1;
-  while (low < high) {
-    const middle = (low + high + 1) >> 1;
-    if (time[middle] <= t + 1e-9) low = middle;
-    else high = middle - 1;
-  }
-  return low;
-}
-
 const row = (columns, i) => Array.from(columns, (column) => column[i]);
 
 function stateOf(run, t) {
-  const i = index(run.time[0], t), names = ["root", "joints", "modes", "force", "torque"];
+  const i = indexOf(run.time[0], t + 1e-9), names = ["root", "joints", "modes", "force", "torque"];
   return Object.fromEntries(names.map((name) => [name, row(run[name], i)]));
 }
 
@@ -56,8 +45,9 @@ class Page {
     Object.assign(this, head, { playing: false, charts: [] });
     this.start = Math.min(...this.runs.map((run) => run.time[0][0]));
     this.end = Math.max(...this.runs.map((run) => run.time[0].at(-1)));
-    this.range = [this.start, this.end]; // of the charts
     this.t = this.start;
+    const changed = (all) => this.charts.forEach((chart) => (all ? chart.draw() : chart.mark()));
+    this.view = { label: "time", unit: "s", ends: [this.start, this.end], pick: (t) => this.show(t), changed };
     this.theme = matchMedia("(prefers-color-scheme: dark)");
     const longest = Object.fromEntries(["force", "torque"].map((name) => [name, this.peak(name)]));
     const count = this.runs[0].root.length, cloud = this.poses();
@@ -98,9 +88,11 @@ class Page {
   legend() {
     at("legend").textContent = "";
     for (const [name, colour] of this.scene.legend()) {
-      const entry = element("button", "entry", at("legend"), { title: "show or hide" });
-      element("i", "", entry).style.background = colour;
-      element("span", "", entry, { textContent: name });
+      const entry = element("button", "entry"), mark = element("i");
+      entry.title = "show or hide";
+      mark.style.background = colour;
+      entry.append(mark, name);
+      at("legend").append(entry);
       entry.addEventListener("click", () => {
         this.scene.toggle(name);
         entry.classList.toggle("off");
@@ -114,18 +106,19 @@ class Page {
     at("now").textContent = `${this.t.toFixed(2)} s`;
     at("scale").textContent = `deformation × ${this.scale}`;
     this.scene.show(this.states(this.t), this.scale);
-    for (const chart of this.charts) chart.mark(this.t);
+    this.view.cursor = this.t;
+    this.view.changed();
   }
 
   dress() { // in light or dark
     this.scene.dark = this.theme.matches;
     this.scene.draw();
     this.legend();
-    for (const chart of this.charts) chart.draw();
+    this.view.changed(true);
   }
 
   step(count) {
-    const time = this.runs[0].time[0], i = index(time, this.t) + count;
+    const time = this.runs[0].time[0], i = indexOf(time, this.t + 1e-9) + count;
     this.show(time[Math.min(time.length - 1, Math.max(0, i))]);
   }
 
@@ -148,7 +141,9 @@ class Page {
 
   // Frames of a film from this instant to `end` as data URLs, one a line, for a program that reads the page.
   film(count, end, width, height) {
-    const found = element("pre", "", document.body, { id: "frames", hidden: true }), start = this.t;
+    const found = element("pre"), start = this.t;
+    found.hidden = true;
+    document.body.append(found);
     for (let k = 0; k < count; k++) {
       this.t = start + ((end - start) * k) / Math.max(1, count - 1);
       this.scene.caption = `${this.t.toFixed(1)} s`;
@@ -157,56 +152,38 @@ class Page {
     }
   }
 
-  curves(name) { // of all runs, and their unit; those of a second run are faint
-    const found = [];
-    let units = "";
-    this.runs.forEach((run, number) => {
-      const signal = run.signals.find((one) => one.name === name);
-      if (!signal) return;
-      units = signal.units;
-      const { inner, components } = signal, { COLOURS } = Scene3d;
-      signal.values.forEach((y, k) => found.push({
-        name: components[k] + (number ? `, ${run.name}` : ""), x: run.signalTime[0], y, alpha: number ? 0.45 : 1,
-        colour: COLOURS[Math.floor(k / inner) % COLOURS.length],
-      }));
-    });
-    return [found, units];
-  }
-
-  chart(place, name) {
-    const zoomed = (range) => {
-      this.range = range ?? [this.start, this.end];
-      for (const chart of this.charts) chart.zoom(this.range);
-    };
-    const chart = new Charts.Chart(place, { seek: (t) => this.show(t), zoomed });
-    chart.show(...this.curves(name), this.range);
+  chart(place, name) { // in place of that before
+    this.charts = this.charts.filter(({ parent }) => parent !== place);
+    place.textContent = "";
+    const signal = (run) => run.signals.find((one) => one.name === name);
+    const found = this.runs.map(signal).filter(Boolean), { COLOURS } = Scene3d;
+    const { units, inner, components } = found.reduce((a, b) => (b.components.length > a.components.length ? b : a));
+    const curves = components.map((label, k) => ({
+      label, colour: COLOURS[Math.floor(k / inner) % COLOURS.length], values: (run) => signal(run)?.values[k] ?? [],
+    }));
+    const chart = new Chart(place, { unit: units, curves }, this.view);
+    chart.show(...this.runs.map(({ signalTime, signals }) => ({ time: signalTime[0], signals })));
     this.charts.push(chart);
-    return chart;
   }
 }
 
 // ---- its controls --------------------------------------------------------------------------------------
 
-function element(kind, className, parent, more = {}) {
-  const found = Object.assign(document.createElement(kind), { className, ...more });
-  parent.append(found);
-  return found;
-}
-
 const choices = (select, named) => {
-  for (const [value, textContent] of named) element("option", "", select, { value, textContent });
+  for (const [value, text] of named) select.append(new Option(text, value));
 };
 
 function chartsOf(page) {
   const label = ({ name, units }) => [name, name.replaceAll("_", " ") + (units && ` [${units}]`)];
   const named = new Map(page.runs.flatMap((run) => run.signals.map(label)));
   for (const name of page.shown) {
-    const box = element("div", "chart", at("charts"));
-    const select = element("select", "", box, { ariaLabel: "signal" });
+    const select = element("select"), place = element("div");
+    select.ariaLabel = "signal";
     choices(select, named);
     select.value = name;
-    const chart = page.chart(element("div", "plot", box), name);
-    select.addEventListener("change", () => chart.show(...page.curves(select.value), page.range));
+    at("charts").append(select, place);
+    page.chart(place, name);
+    select.onchange = () => page.chart(place, select.value);
   }
   for (const place of document.querySelectorAll("[data-signal]")) page.chart(place, place.dataset.signal);
 }
@@ -251,7 +228,7 @@ async function begin() {
   page.t = time("t", page.start);
   at("follow").value = asked.get("follow") ?? (page.scene.far ? "truss" : "nothing");
   page.scene.followed = at("follow").value;
-  [at("time").min, at("time").max] = page.range;
+  [at("time").min, at("time").max] = [page.start, page.end];
   if (page.runs.length > 1) at("second").textContent = `faint curves: ${page.runs[1].name}`;
   page.legend();
   if (asked.has("film")) {

@@ -25,7 +25,6 @@ from trussflow.models.viewer.scene import plant_of, scene_of
 if TYPE_CHECKING:
     import xarray as xr
 
-SCRIPTS = ("scene3d.js", "charts.js", "page.js")
 SHOWN = (
     "position",
     "task_position",
@@ -218,11 +217,18 @@ def text_of(name: str) -> str:
 def _text(
     title: str, head: dict[str, Any], packer: Packer, sections: Sequence[Section]
 ) -> str:
+    charts = files("trussflow.blocks.live")
     return Template(text_of("page.html")).substitute(
         title=escape(title),
         note=escape(_note(head["runs"])),
-        style=text_of("page.css"),
-        script="\n".join(map(text_of, SCRIPTS)),
+        style=charts.joinpath("chart.css").read_text("utf-8") + text_of("page.css"),
+        script="\n".join(
+            (
+                charts.joinpath("chart.js").read_text("utf-8"),
+                text_of("scene3d.js"),
+                text_of("page.js"),
+            )
+        ),
         sections="".join(
             f"<section><h2>{escape(s.title)}</h2>{s.content}</section>\n"
             for s in sections
