@@ -239,7 +239,7 @@ class Chart {
     if (!this.cursor.hidden) this.cursor.style.left = `${this.place(cursor)}px`;
     for (const [curve, readout] of this.readouts) {
       const [now, before] = [run, kept].map((one) => one && quantity(curve.values(one)[indexOf(one.time, cursor ?? Infinity)] * this.factor));
-      write(readout, before === undefined ? now : `${now} (${before})`);
+      write(readout, before ? `${now} (${before})` : now);
     }
   }
 

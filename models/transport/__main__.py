@@ -189,17 +189,19 @@ def simulate_mission(options: argparse.Namespace, command: str) -> Outcome:
         return Outcome([each._asdict() for each in mission.told], mission.explained())
     name = f"case{options.case}" if options.mission is None else options.mission.stem
     folder = options.output or Path("results") / name
+    live = folder / "live.html"
     try:  # before the run
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
+        live.unlink(missing_ok=True)  # of another mission, perhaps
     except OSError as error:
         raise ModelError(
             f"cannot write to the output folder '{folder}': {error}"
         ) from error
     diagram = mission.diagram()
     if options.live:  # also before the run: its messages are early
-        write_live(mission, diagram, folder)
+        write_live(mission, diagram, live)
     simulator = mission.simulator(diagram)
     failure, started = "", time.perf_counter()
     try:
@@ -223,18 +225,23 @@ def simulate_mission(options: argparse.Namespace, command: str) -> Outcome:
     return Outcome(summary, code=FAILED if failure else 0)
 
 
-def write_live(mission: MissionFile, diagram: Diagram, folder: Path) -> None:
-    """Write ``live.html``, a page that simulates the mission, with the truss in motion."""
+def write_live(mission: MissionFile, diagram: Diagram, file: Path) -> None:
+    """Write a page that simulates the mission, with the truss in motion."""
+    if mission.solver not in FIXED_STEP:
+        raise ModelError(
+            f"--live needs a solver with fixed steps, not {mission.solver}: set --solver rk4 and a --step that "
+            "is stable, or leave out --live"
+        )
     scene = scene_panel(mission.truss, rods=mission.rods, target=mission.target)
     with status_line("compiling the live page"):
         diagram.live(
-            folder / "live.html",
+            file,
             duration=mission.duration,
             step=mission.mission.step,
             solver=mission.solver,
             panels=[scene],
         )
-    print(f"open {folder / 'live.html'} in a browser to change parameters", flush=True)
+    print(f"open {file} in a browser to change parameters", flush=True)
 
 
 def report(

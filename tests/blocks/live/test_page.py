@@ -194,6 +194,18 @@ def test_metrics_are_those_of_a_first_order_lag(window, tmp_path):
     assert found["overshoot"] == pytest.approx(0.0, abs=1e-6)
 
 
+def test_a_kept_run_stays_behind_and_is_forgotten(pid_page, window):
+    window.open(pid_page)
+    places = [window.page.locator(name) for name in ("#metrics", ".legend >> nth=0")]
+    assert not any("(" in place.inner_text() for place in places)
+    window.page.locator("#keep").click()
+    window.set("law.kp", 30.0)
+    assert all("(" in place.inner_text() for place in places)
+    window.page.locator("#forget").click()
+    window.set("law.kp", 31.0)
+    assert not any("(" in place.inner_text() for place in places)
+
+
 def test_divergence_names_state_and_time(window, tmp_path):
     diagram = Diagram("explosion")
     square, x = diagram.add(

@@ -126,6 +126,10 @@ def test_plant_and_observer_are_options(tmp_path):
             "need at least 67.33 s for this path",
         ),
         (
+            ["--live", "--controller", "pd"],
+            "--live needs a solver with fixed steps, not LSODA: set --solver rk4",
+        ),
+        (
             ["--step", "0.003", "--duration", "1"],
             r"the duration of 1 s is not a whole number",
         ),
@@ -163,7 +167,10 @@ def test_a_live_page_has_the_loop_and_the_scene(tmp_path):
     live = (tmp_path / "live.html").read_text(encoding="utf-8")
     assert "controller.gamma" in live
     assert "Scene3d.panel" in live
-    assert 'href="live.html"' in (tmp_path / "index.html").read_text(encoding="utf-8")
+    link, index = 'href="live.html"', tmp_path / "index.html"
+    assert link in index.read_text(encoding="utf-8")
+    assert main(words) == 0
+    assert link not in index.read_text(encoding="utf-8")
 
 
 @pytest.mark.usefixtures("undrawn")
