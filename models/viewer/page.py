@@ -37,6 +37,8 @@ SHOWN = (
 )
 """Signals of the initial charts, if logged."""
 INITIAL_CHARTS = 4
+CHARTS = "trussflow.blocks.live"
+"""Package with the chart of pages."""
 MAX_PAGE_BYTES = 4_000_000
 """Largest size of a page [byte]."""
 NO_ROOM = 1e-9
@@ -203,32 +205,27 @@ def _note(runs: list[dict[str, Any]]) -> str:
     return f"{'; '.join(parts)}. The numbers in charts have four digits; the result files have all.{drawn}"
 
 
-def text_of(name: str) -> str:
-    """Return the text of a file of this package.
+def text_of(name: str, package: str = "trussflow.models.viewer") -> str:
+    """Return the text of a file of a package.
 
     Parameters
     ----------
     name : str
         Name of the file.
+    package : str
+        Name of the package.
     """
-    return files(__package__).joinpath(name).read_text(encoding="utf-8")
+    return files(package).joinpath(name).read_text(encoding="utf-8")
 
 
 def _text(
     title: str, head: dict[str, Any], packer: Packer, sections: Sequence[Section]
 ) -> str:
-    charts = files("trussflow.blocks.live")
     return Template(text_of("page.html")).substitute(
         title=escape(title),
         note=escape(_note(head["runs"])),
-        style=charts.joinpath("chart.css").read_text("utf-8") + text_of("page.css"),
-        script="\n".join(
-            (
-                charts.joinpath("chart.js").read_text("utf-8"),
-                text_of("scene3d.js"),
-                text_of("page.js"),
-            )
-        ),
+        style=text_of("chart.css", CHARTS) + text_of("page.css"),
+        script=text_of("chart.js", CHARTS) + text_of("scene3d.js") + text_of("page.js"),
         sections="".join(
             f"<section><h2>{escape(s.title)}</h2>{s.content}</section>\n"
             for s in sections
