@@ -61,7 +61,7 @@ function write(node, text) {
 function equalLines(lines, tolerance) {
   const groups = [];
   for (const line of lines) {
-    const group = groups.find(([{ values, first, last }]) => {
+    const group = line.points.length && groups.find(([{ values, first, last }]) => {
       for (let k = first; k <= last; ++k) {
         const a = values[k], b = line.values[k];
         if (Math.abs(a - b) > tolerance || Number.isFinite(a) !== Number.isFinite(b)) return false;
