@@ -63,7 +63,7 @@ def mixed():
     return diagram
 
 
-MARGIN = 12.0
+EDGE_MARGIN = 12.0
 """Margin around a picture [px]."""
 
 SIZES = {"name": 12.0, "note": 9.0}
@@ -136,7 +136,7 @@ def test_each_sign_is_at_the_wire_that_it_counts(signs):
     seen = {}
     for sign, (a, b, c, d) in texts(root):
         if sign in {"+", "−"}:
-            middle = (a + c) / 2 - MARGIN, (b + d) / 2 - MARGIN
+            middle = (a + c) / 2 - EDGE_MARGIN, (b + d) / 2 - EDGE_MARGIN
             distance, path = min((dist(middle, end[:2]), end[2]) for end in ends(root))
             assert distance < 20.0
             seen[path] = sign.replace("−", "-")
