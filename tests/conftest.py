@@ -2,9 +2,11 @@
 
 import os
 import signal
+import sys
 from pathlib import Path
 
 import campaign
+import pytest
 from hypothesis import settings
 
 ROOT = Path(__file__).parents[1]
@@ -52,3 +54,25 @@ def pytest_collection_modifyitems(items):
         )
 
     items.sort(key=place)
+
+
+@pytest.fixture(scope="session")
+def chromium():
+    """Return a browser. There is one for all tests of a process, as Playwright runs once in each."""
+    # models are imported by the tests that use them
+    from trussflow.models.viewer.still import browser, launch_options
+
+    if browser() is None:
+        why = "no Chromium or Chrome is found: apt-get install chromium, or set BROWSER_PATH"
+        if os.environ.get("CI") and sys.platform == "linux":
+            pytest.fail(why)
+        pytest.skip(why)
+    driver = pytest.importorskip(
+        "playwright.sync_api", reason="needs playwright: the extra 'browser'"
+    )
+    with driver.sync_playwright() as playwright:
+        found = playwright.chromium.launch(
+            executable_path=browser(), args=launch_options()
+        )
+        yield found
+        found.close()

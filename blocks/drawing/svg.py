@@ -158,7 +158,7 @@ def hover(block: Block) -> str:
     for name, value in {**vars(block), **block.parameters}.items():
         if isinstance(value, np.ndarray | float) and name[0] != "_":
             exact = np.array2string(
-                np.asarray(value), threshold=MAX_EXACT, floatmode="unique"
+                np.asarray(value), threshold=MAX_EXACT, floatmode="unique", legacy=False
             )
             facts.append(f"{name} = {exact}")
     return "\n".join(facts)

@@ -92,7 +92,7 @@ class OperatingPoint(Described):
         }
         facts = {
             f"{kind} {name}": np.array2string(
-                np.asarray(value), precision=6, threshold=20
+                np.asarray(value), precision=6, threshold=20, legacy=False
             ).replace("\n", "")
             for kind, values in kinds.items()
             for name, value in values.items()

@@ -1,11 +1,16 @@
 """Methods of results. Importing this module registers them, and imports xarray."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import xarray as xr
-from matplotlib.figure import Figure
 
 from trussflow.blocks.results.conversions import plot
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @xr.register_dataset_accessor("trussflow")  # type: ignore[no-untyped-call]

@@ -13,9 +13,13 @@ from typing import Any, TypeVar
 
 from trussflow.blocks.errors import TimeLimitError
 
-with warnings.catch_warnings(action="ignore"):
-    # In notebooks without ipywidgets it warns, and displays the bars as text.
-    from tqdm.auto import tqdm
+if "ipykernel" in sys.modules:
+    with warnings.catch_warnings(action="ignore"):
+        # Without ipywidgets it warns, and displays the bars as text.
+        from tqdm.auto import tqdm
+else:
+    # tqdm.auto imports asyncio and ssl.
+    from tqdm import tqdm  # type: ignore[assignment]
 
 
 class Display:

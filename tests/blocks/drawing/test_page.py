@@ -18,7 +18,6 @@ from trussflow.blocks import (
     simulate,
 )
 from trussflow.blocks.errors import DiagramError
-from trussflow.models.viewer.still import browser, launch_options
 
 HOSTILE = '</script><script>alert("1")</script><b title="'
 
@@ -112,23 +111,6 @@ def test_result_of_another_diagram_is_refused(tmp_path, result):
 
 
 # -- in a browser -----------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    if browser() is None:
-        pytest.skip(
-            "no Chromium or Chrome is found: apt-get install chromium, or set BROWSER_PATH"
-        )
-    driver = pytest.importorskip(
-        "playwright.sync_api", reason="needs playwright: the extra 'browser'"
-    )
-    with driver.sync_playwright() as playwright:
-        found = playwright.chromium.launch(
-            executable_path=browser(), args=launch_options()
-        )
-        yield found
-        found.close()
 
 
 @pytest.fixture

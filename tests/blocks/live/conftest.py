@@ -1,35 +1,12 @@
 """Live pages in a browser, and runs without fused multiplication and addition to compare with."""
 
-import os
-import sys
-
 import numpy as np
 import pytest
 
 from trussflow.blocks import simulate
 from trussflow.blocks.tracing import compiler
-from trussflow.models.viewer.still import browser, launch_options
 
 UNFUSED = "cc -mno-fma -mno-fma4 -mno-avx512f"
-
-
-@pytest.fixture(scope="session")
-def chromium():
-    pytest.importorskip("ziglang")
-    if browser() is None:
-        why = "no Chromium or Chrome is found: apt-get install chromium, or set BROWSER_PATH"
-        if os.environ.get("CI") and sys.platform == "linux":
-            pytest.fail(why)
-        pytest.skip(why)
-    driver = pytest.importorskip(
-        "playwright.sync_api", reason="needs playwright: the extra 'browser'"
-    )
-    with driver.sync_playwright() as playwright:
-        found = playwright.chromium.launch(
-            executable_path=browser(), args=launch_options()
-        )
-        yield found
-        found.close()
 
 
 class LivePage:
@@ -88,6 +65,7 @@ class LivePage:
 @pytest.fixture(scope="session")
 def window(chromium):
     """Return a page in a browser that any test may use."""
+    pytest.importorskip("ziglang")
     context = chromium.new_context(viewport={"width": 1200, "height": 800})
     yield LivePage(context.new_page())
     context.close()

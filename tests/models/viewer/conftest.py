@@ -1,8 +1,5 @@
 """Runs to look at, made of sines, and the browser that looks at them."""
 
-import os
-import sys
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -10,7 +7,6 @@ import xarray as xr
 from trussflow.blocks.results.dataset import save
 from trussflow.models import SpaceTruss
 from trussflow.models.viewer import replay
-from trussflow.models.viewer.still import browser, launch_options
 
 
 def run_of(truss, *, duration=8.0, step=0.02, phase=0.0, modal=0.3):
@@ -69,24 +65,6 @@ def page_file(truss, run, tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
     save(run, folder / "run.nc")
     return replay(folder / "run.nc", truss, folder / "replay.html", title="A run")
-
-
-@pytest.fixture(scope="session")
-def chromium():
-    if browser() is None:
-        why = "no Chromium or Chrome is found: apt-get install chromium, or set BROWSER_PATH"
-        if os.environ.get("CI") and sys.platform == "linux":
-            pytest.fail(why)
-        pytest.skip(why)
-    driver = pytest.importorskip(
-        "playwright.sync_api", reason="needs playwright: the extra 'browser'"
-    )
-    with driver.sync_playwright() as playwright:
-        found = playwright.chromium.launch(
-            executable_path=browser(), args=launch_options()
-        )
-        yield found
-        found.close()
 
 
 class Watched:
