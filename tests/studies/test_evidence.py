@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from flight.loops import flight_simulator
-from study_tools.evidence import FINGERPRINT_TOLERANCE, fingerprint
+from study_tools.evidence import FINGERPRINT_TOLERANCE, fingerprint, outdated
 
 from trussflow.blocks import Constant, Diagram, Integrator, Simulator
 from trussflow.models.plant.tunable_truss import TunableTruss
@@ -82,3 +82,10 @@ def test_check_names_what_changed(
         (tmp_path / "evidence.json").write_text(json.dumps({"fingerprints": recorded}))
         assert main(words) == code
         assert message in capsys.readouterr().out
+
+
+def test_fingerprints_of_any_kind_of_processor_count(tmp_path):
+    kinds = {"fingerprints": {"a": [1.0]}, "fingerprints with AVX2": {"a": [2.0]}}
+    (tmp_path / "evidence.json").write_text(json.dumps(kinds))
+    assert outdated(tmp_path, {"a": [2.0]}) == []
+    assert outdated(tmp_path, {"a": [3.0]}) == ["a"]
