@@ -223,15 +223,13 @@ def test_a_served_page_follows_a_slider_during_a_paced_run(window):
         time, (place,) = window.rows()[0], window.rows()[1].T
         assert not window.trouble()
         # The held command 2 (r - y) reduces the distance from r by a factor of 0.98 in each sample.
-        changed = np.flatnonzero(place > 1.0)[0] - 1
-        np.testing.assert_allclose(
-            place[: changed + 1], 1 - 0.98 ** np.arange(changed + 1), rtol=0, atol=1e-9
-        )
+        first = 1 - 0.98 ** np.arange(len(place))
+        changed = np.flatnonzero(np.abs(place - first) > 1e-9)[0] - 1
         since = np.arange(len(place) - changed)
         np.testing.assert_allclose(
             place[changed:], 3 - (3 - place[changed]) * 0.98**since, rtol=0, atol=1e-9
         )
-        assert 1.0 < time[changed] < 15.0
+        assert 0.5 < time[changed] < 15.0
         # A link that is opened begins a run of its own.
         window.open(server.address, "goal.value=2")
         window.wait("trussflowLive.run.time.length > 50")
