@@ -157,7 +157,7 @@ def compile_web_module(
 
 @functools.cache
 def identity(compiler: tuple[str, ...]) -> tuple[str, ...]:
-    """Return sources that identify the compiler, its version, and the processor.
+    """Return texts that identify the compiler, its version, and the processor.
 
     Parameters
     ----------
