@@ -8,7 +8,13 @@ from pathlib import Path
 
 from trussflow.blocks.errors import DiagramError, LinearAnalysisError
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.command_arguments import Outcome, block_of, main_of, parser_of
+from trussflow.command_arguments import (
+    Outcome,
+    add_diagram,
+    block_of,
+    main_of,
+    parser_of,
+)
 from trussflow.run import picture
 
 
@@ -20,10 +26,7 @@ def parser(prog: str) -> argparse.ArgumentParser:
         "loop.py:loop --at pendulum.torque                 # modes and margins",
         "loop.py:loop --at truss.modal_force --plot m.png  # with the Bode plot",
     )
-    found.add_argument(
-        "item",
-        help="module:name or file.py:name of a diagram, or of a function returning one",
-    )
+    add_diagram(found)
     found.add_argument("--at", required=True, help="port where the loop is opened")
     found.add_argument("--plot", type=Path, help="picture to write")
     return found

@@ -92,6 +92,14 @@ def parser_of(prog: str, description: str, *examples: str) -> argparse.ArgumentP
     return found
 
 
+def add_diagram(parser: argparse.ArgumentParser) -> None:
+    """Add the argument ``item``, which `block_of` reads, to a `parser`."""
+    parser.add_argument(
+        "item",
+        help="module:name or file.py:name of a diagram, or of a function returning one",
+    )
+
+
 def add_json(parser: argparse.ArgumentParser, **settings: Any) -> None:
     """Add the option ``--json``, which `ended` evaluates, to a `parser`, with `settings` of argparse."""
     parser.add_argument(

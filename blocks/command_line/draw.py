@@ -8,7 +8,13 @@ from pathlib import Path
 
 from trussflow.blocks.errors import DiagramError
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.command_arguments import Outcome, block_of, main_of, parser_of
+from trussflow.command_arguments import (
+    Outcome,
+    add_diagram,
+    block_of,
+    main_of,
+    parser_of,
+)
 
 
 def parser(prog: str) -> argparse.ArgumentParser:
@@ -20,10 +26,7 @@ def parser(prog: str) -> argparse.ArgumentParser:
         "loop.py:loop loop.svg       # write the picture",
         "loop.py:loop loop.html      # write a page with zoom, groups that open, and search",
     )
-    found.add_argument(
-        "item",
-        help="module:name or file.py:name of a diagram, or of a function returning one",
-    )
+    add_diagram(found)
     found.add_argument(
         "path",
         type=Path,

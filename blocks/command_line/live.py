@@ -8,7 +8,13 @@ from pathlib import Path
 from trussflow.blocks.errors import DiagramError
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.support.progress import status_line
-from trussflow.command_arguments import Outcome, block_of, main_of, parser_of
+from trussflow.command_arguments import (
+    Outcome,
+    add_diagram,
+    block_of,
+    main_of,
+    parser_of,
+)
 
 
 def parser(prog: str) -> argparse.ArgumentParser:
@@ -21,10 +27,7 @@ def parser(prog: str) -> argparse.ArgumentParser:
         "loop.py:loop --save loop.html --at pendulum.torque       # with poles, Bode plot and margins",
         "loop.py:loop --pace 1                                    # sliders act on a run in real time",
     )
-    found.add_argument(
-        "item",
-        help="module:name or file.py:name of a diagram, or of a function returning one",
-    )
+    add_diagram(found)
     found.add_argument(
         "--save",
         type=Path,
