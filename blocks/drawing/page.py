@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from html import escape
-from importlib.resources import files
 from string import Template
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +11,7 @@ import numpy as np
 from trussflow.blocks.drawing.svg import svg_of
 from trussflow.blocks.errors import DiagramError
 from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.support.texts import package_text, script_json
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -53,14 +52,13 @@ def page_of(diagram: Diagram, result: xr.Dataset | None = None) -> str:
                 f"the result has no signal of diagram '{diagram.name}'; give the result of its own run"
             )
     page, script, chart = (
-        files("trussflow.blocks").joinpath(name).read_text(encoding="utf-8")
+        package_text(name, "trussflow.blocks")
         for name in ("drawing/page.html", "drawing/page.js", "live/chart.js")
     )
     return Template(page).substitute(
         title=escape(diagram.name),
         picture=svg_of(diagram, nested=True),
-        # A name with </script> would end the element.
-        data=json.dumps(data).replace("<", "\\u003c"),
+        data=script_json(data),
         script=chart + script,
     )
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from html import escape
-from importlib.resources import files
 from itertools import pairwise
 
 import numpy as np
@@ -27,6 +26,7 @@ from trussflow.blocks.framework.clock import Clock
 from trussflow.blocks.framework.diagram import Diagram, leaves
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.symbol import Symbol
+from trussflow.blocks.support.texts import package_text
 
 RATE_COLOURS = 6
 """Number of colours of rates in the style sheet; more rates reuse them."""
@@ -47,11 +47,7 @@ PICTURE_MARGIN = 12
 def svg_of(diagram: Diagram, *, nested: bool = False) -> str:
     """Return the picture of a `diagram`: each nested diagram is one block, and contains its own if `nested`."""
     scene = scene_of(diagram)
-    style = (
-        files("trussflow.blocks.drawing")
-        .joinpath("picture.css")
-        .read_text(encoding="utf-8")
-    )
+    style = package_text("picture.css", "trussflow.blocks.drawing")
     rates = {
         clock: f"rate{i % RATE_COLOURS}"
         for i, clock in enumerate(sorted(clocks_of(diagram)))

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import base64
-import json
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from html import escape
-from importlib.resources import files
 from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -36,6 +34,7 @@ from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.simulation.solver import FIXED_STEP, Solver
 from trussflow.blocks.simulation.step_size_warnings import warn_of_missed_jumps
 from trussflow.blocks.support.files import replaced
+from trussflow.blocks.support.texts import package_text, script_json
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import as_path, positive, positive_if_given
 from trussflow.blocks.tracing.codegen import c_sources, content
@@ -314,11 +313,7 @@ def html(page: Contents, module: bytes | None) -> str:
     module : bytes or None
         The WebAssembly module; without it, a server computes the runs.
     """
-    own = files("trussflow.blocks.live")
-
-    def text(name: str) -> str:
-        return own.joinpath(name).read_text(encoding="utf-8")
-
+    text = partial(package_text, package="trussflow.blocks.live")
     return Template(text("page.html")).substitute(
         title=escape(page.data["name"]),
         connect="" if module else "connect-src 'self'",
@@ -328,7 +323,7 @@ def html(page: Contents, module: bytes | None) -> str:
             f"<script>{panel.script.replace('</', '<' + chr(92) + '/')}</script>\n"
             for panel in page.panels
         ),
-        data=json.dumps(page.data, separators=(",", ":")).replace("<", "\\u003c"),
+        data=script_json(page.data),
         module=base64.b64encode(zlib.compress(module or b"", 9)).decode(),
         worker=(text("linear.js") + text("worker.js") if module else text("served.js"))
         + text("queue.js"),

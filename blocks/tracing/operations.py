@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
-from functools import cache
-from importlib.resources import files
 
 import casadi as ca
+
+from trussflow.blocks.support.texts import package_text
 
 ALL_LANES = {
     ca.OP_ASSIGN: "{0}",
@@ -160,7 +160,6 @@ VECTOR_FORMULAS = FORMULAS | MASKED_CHOICES
 """C expressions of operations on vectors, for those that are not computed lane by lane."""
 
 
-@cache
 def c_file(name: str, package: str = "trussflow.blocks.tracing") -> str:
     """Return the text of the file with that `name` in the folder of a `package`."""
-    return files(package).joinpath(name).read_text(encoding="utf-8")
+    return package_text(name, package)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from html import escape, unescape
-from importlib.resources import files
 from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
@@ -16,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.support.files import replaced
+from trussflow.blocks.support.texts import package_text, script_json
 from trussflow.models.errors import ModelError
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.viewer.motion import Motion, opened
@@ -205,34 +205,19 @@ def _note(runs: list[dict[str, Any]]) -> str:
     return f"{'; '.join(parts)}. The numbers in charts have four digits; the result files have all.{drawn}"
 
 
-def text_of(name: str, package: str = "trussflow.models.viewer") -> str:
-    """Return the text of a file of a package.
-
-    Parameters
-    ----------
-    name : str
-        Name of the file.
-    package : str
-        Name of the package.
-    """
-    return files(package).joinpath(name).read_text(encoding="utf-8")
-
-
 def _text(
     title: str, head: dict[str, Any], packer: Packer, sections: Sequence[Section]
 ) -> str:
-    return Template(text_of("page.html")).substitute(
+    text = partial(package_text, package="trussflow.models.viewer")
+    return Template(text("page.html")).substitute(
         title=escape(title),
         note=escape(_note(head["runs"])),
-        style=text_of("chart.css", CHARTS) + text_of("page.css"),
-        script=text_of("chart.js", CHARTS) + text_of("scene3d.js") + text_of("page.js"),
+        style=package_text("chart.css", CHARTS) + text("page.css"),
+        script=package_text("chart.js", CHARTS) + text("scene3d.js") + text("page.js"),
         sections="".join(
             f"<section><h2>{escape(s.title)}</h2>{s.content}</section>\n"
             for s in sections
         ),
-        # In a script "</" would end it.
-        head=json.dumps(head, separators=(",", ":"), allow_nan=False).replace(
-            "</", "<\\/"
-        ),
+        head=script_json(head, allow_nan=False),
         blob=packer.blob(),
     )

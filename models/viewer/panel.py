@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.live.page import Panel
+from trussflow.blocks.support.texts import package_text, script_json
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.validation import frozen_array
 from trussflow.models.viewer.packing import Packer
-from trussflow.models.viewer.page import text_of
 from trussflow.models.viewer.scene import scene_of
 
 
@@ -62,10 +61,9 @@ def scene_panel(
         "start": truss.parameters["initial_coordinates"].tolist(),
         "target": goal,
     }
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    text = script_json(data, allow_nan=False)
     return Panel(
-        text_of("scene3d.js")
-        # "<" could end the script
-        + f"\nwindow.trussflowPanels.push(Scene3d.panel({text.replace('<', chr(92) + 'u003c')}));\n",
+        package_text("scene3d.js", "trussflow.models.viewer")
+        + f"\nwindow.trussflowPanels.push(Scene3d.panel({text}));\n",
         tuple(names),
     )

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import itemgetter
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from trussflow.blocks.framework.clock import exact, ticks
 from trussflow.blocks.framework.declarations import TIMED
+from trussflow.blocks.support.texts import package_text
 from trussflow.blocks.tracing.codegen import c_functions, event_sizes, vector_functions
 from trussflow.blocks.tracing.operations import c_file
 from trussflow.blocks.tracing.program import Program, lower
@@ -276,4 +276,4 @@ def calendar(interface: ExportInterface) -> list[str]:
 
 def file_text(name: str) -> str:
     """Return the text of a file of this folder."""
-    return Path(__file__).with_name(name).read_text(encoding="utf-8")
+    return package_text(name, __package__)

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from trussflow.blocks.support.texts import package_text
 from trussflow.blocks.tracing.codegen import c_functions, vector_functions
 from trussflow.blocks.tracing.operations import c_file
 from trussflow.blocks.tracing.program import Program
@@ -84,7 +85,10 @@ def plain_files(interface: ExportInterface, path: Path) -> dict[Path, str]:
     """
     name = path.stem
     header = path.with_suffix(".h")
-    reserved = name.lower().startswith("tf_") or name in _text("c_names.txt").split()
+    reserved = (
+        name.lower().startswith("tf_")
+        or name in package_text("c_names.txt", __package__).split()
+    )
     is_identifier = re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII)
     if path.suffix != ".c" or reserved or not is_identifier:
         raise ExportError(
@@ -136,15 +140,10 @@ def plain_files(interface: ExportInterface, path: Path) -> dict[Path, str]:
         *calendar(interface),
         _numbered(samples),
         file_text("due.c"),
-        _text("plain.c"),
+        package_text("plain.c", __package__),
         *(f"{head} {{\n{body}}}\n" for _, head, body in accessors),
     ]
     return {header: note + declared, path: "\n".join(parts)}
-
-
-def _text(name: str) -> str:
-    """Return the text of a file of this package."""
-    return Path(__file__).with_name(name).read_text(encoding="utf-8")
 
 
 def _accessors(name: str, interface: ExportInterface) -> Iterator[tuple[str, str, str]]:
