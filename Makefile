@@ -27,7 +27,7 @@ help:
 	@echo "make check      check format, style, types, imports, docstrings, links and prose"
 	@echo "make test       check every law once"
 	@echo "make campaign   run random cases, killed processes, faults and long runs; CAMPAIGN=10 runs ten times as many"
-	@echo "make test-oldest  run the tests of blocks with the oldest allowed libraries"
+	@echo "make test-oldest  run tests of blocks with the oldest allowed libraries"
 	@echo "make format     format the code"
 	@echo "make docs       build the site: site/index.html"
 	@echo "make bench      run the benchmarks"
@@ -74,12 +74,16 @@ test: $(VENV)/dev.stamp
 campaign: $(VENV)/dev.stamp
 	CAMPAIGN=$(CAMPAIGN) $(RUN_TESTS) --dist worksteal -m "campaign or hypothesis" --hypothesis-profile=campaign $(PYTEST_ARGS)
 
-# Warnings of old libraries about deprecations are no errors here.
+# The tests of what depends on the versions of libraries. Warnings of old libraries about deprecations are no
+# errors here.
+OLDEST_TESTS := $(addprefix tests/blocks/, tracing library control linear_analysis \
+  $(addprefix simulation/test_, adaptive.py results.py streamed_log.py))
+
 test-oldest:
 	$(MAKE) VENV=$(OLDEST) $(OLDEST)/pyvenv.cfg
 	$(PYTHON) tests/oldest.py > $(OLDEST)/pins.txt
 	PIP_CONSTRAINT=$(OLDEST)/pins.txt $(MAKE) test VENV=$(OLDEST) EXTRA=test \
-	  PYTEST_ARGS='-W default tests/blocks'
+	  PYTEST_ARGS='-W default $(OLDEST_TESTS)'
 
 RULES := $(addprefix tests/test_, architecture.py docstrings.py documents.py prose.py)
 
