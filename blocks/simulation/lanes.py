@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from trussflow.blocks.results.channels import Channel
+from trussflow.blocks.results.dataset import dataset
 from trussflow.blocks.results.log import Log
 from trussflow.blocks.simulation.executor import CompiledExecutor, Progress
 from trussflow.blocks.simulation.prepared import Prepared
@@ -67,122 +70,193 @@ class Lanes:
         duration: float,
         each: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]],
         not_finite: str,
-    ) -> list[xr.Dataset | None]:
-        """Run to the end.
+    ) -> Iterator[LaneRun | None]:
+        """Run to the end, in groups of as many runs as there are lanes.
 
         Parameters
         ----------
         duration, not_finite
             As for `Simulator.run` [s, -].
         each : sequence of tuple of mapping
-            Parameters and initial states of at most so many runs as there are lanes [as declared].
+            Parameters and initial states of the runs [as declared].
 
-        Returns
-        -------
-        list of xarray.Dataset or None
-            Results of `Simulator.run`, bit for bit; None for a failed run, whose error comes from a run alone.
+        Yields
+        ------
+        LaneRun or None
+            Each run, with the numbers of `Simulator.run`, bit for bit; None for a run that failed or logged a
+            number that is not finite, which a run alone reports.
         """
-        found: list[xr.Dataset | None] = [None] * len(each)
-        with contextlib.ExitStack() as stack:
-            runs: dict[int, Run] = {}
-            for lane, (parameters, initial) in enumerate(each):
-                with contextlib.suppress(Exception):
-                    opened = self._simulator.opened(
+        plan = self._simulator.prepared.plan
+        with self._simulator.opened(duration) as alone:
+            alone.executor = self._executor.fresh()  # threads share this object
+            for first in range(0, len(each), self.count):
+                group = each[first : first + self.count]
+                points: dict[int, Point] = {}
+                for lane, (parameters, initial) in enumerate(group):
+                    with contextlib.suppress(Exception):
+                        p = plan.parameters(parameters, alone.p)
+                        points[lane] = (*plan.initial(p, initial), p)
+                started = time.perf_counter()
+                log, good = _advanced(alone, points, self.count)
+                seconds = (time.perf_counter() - started) / len(group)
+                for lane in range(len(group)):
+                    if lane not in good:
+                        yield None
+                        continue
+                    run = LaneRun(
+                        self._simulator,
                         duration,
-                        parameters=parameters,
-                        initial=initial,
-                        not_finite=not_finite,
+                        alone.log_step,
+                        points[lane],
+                        log,
+                        lane,
+                        seconds,
                     )
-                    runs[lane] = stack.enter_context(opened)
-            if runs:
-                with contextlib.suppress(_AllFailedError):
-                    self._advance(runs)
-            for lane, run in runs.items():
-                with contextlib.suppress(Exception):
-                    found[lane] = run.to_end()
-        return found
+                    finite = not_finite == "ignore" or run.is_finite
+                    yield run if finite else None
 
-    def _advance(self, runs: dict[int, Run]) -> None:
-        """Advance all runs to just before the instant of their end; failed ones are removed from `runs`."""
-        started = time.perf_counter()
-        number = len(runs)
-        first = next(iter(runs.values()))
-        # Lanes without a run repeat the first run, so that their numbers stay finite.
-        columns = [runs.get(lane, first) for lane in range(self.count)]
-        x, d, p = (
-            np.stack([getattr(run, name) for run in columns], axis=-1) for name in "xdp"
+
+Point = tuple[Vector, Vector, Vector]
+"""Continuous states, discrete values and parameters at the initial time [as declared]."""
+
+
+def _advanced(
+    alone: Run, points: Mapping[int, Point], count: int
+) -> tuple[_LaneLog, set[int]]:
+    """Return the log of runs from `points`, by lane, and the lanes that reach the end of the run `alone`."""
+    log = _LaneLog(alone.prepared.channels, count)
+    if not points:
+        return log, set()
+    # Lanes without a run repeat the first run, so that their numbers stay finite.
+    filler = next(iter(points.values()))
+    columns = [points.get(lane, filler) for lane in range(count)]
+    x, d, p = (np.stack(arrays, axis=-1) for arrays in zip(*columns, strict=True))
+    together = _RunsTogether(
+        alone.prepared,
+        alone.executor,
+        x,
+        d,
+        p,
+        log=log,
+        log_step=alone.log_step,
+        origin=alone.origin,
+        good={*points},
+    )
+    try:
+        together.advance(alone.end)
+        together.finish()
+    except _AllFailedError:
+        return log, set()
+    return log, together.good
+
+
+class LaneRun(NamedTuple):
+    """Complete run in one lane.
+
+    Attributes
+    ----------
+    simulator : Simulator
+        Simulator of the run.
+    duration : float
+        Duration [s].
+    log_step : Fraction
+        Time between logged instants [s].
+    start : tuple of Vector
+        States, discrete values and parameters at the initial time [as declared].
+    log : Log
+        Log of all lanes.
+    lane : int
+        Index of the lane [-].
+    wall_time : float
+        Wall time of the run [s].
+    """
+
+    simulator: Simulator
+    duration: float
+    log_step: Fraction
+    start: Point
+    log: _LaneLog
+    lane: int
+    wall_time: float
+
+    @property
+    def rows(self) -> list[Vector]:
+        """Logged rows, in pieces [as declared]."""
+        return [piece[:, :, self.lane] for piece in self.log.pieces]
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether all logged numbers are finite."""
+        return all(np.isfinite(rows).all() for rows in self.rows)
+
+    def signal(self, name: str) -> tuple[Vector, Vector]:
+        """Return the times [s] and the values [as declared] of a logged signal."""
+        channel = next(one for one in self.log.channels if one.name == name)
+        return np.concatenate(self.log.times), channel.values(*self.rows)
+
+    def dataset(self) -> xr.Dataset:
+        """Return the result, as `Simulator.run` does."""
+        _, attributes = self.simulator.identified(
+            self.duration, self.log_step, self.start
         )
-        together = _RunsTogether(
-            first.prepared,
-            self._executor.fresh(),
-            x,
-            d,
-            p,
-            log=_LogOfEach(runs, self.count),
-            log_step=first.log_step,
-            origin=first.origin,
-            runs=runs,
-        )
-        together.advance(first.end)
-        for lane, run in runs.items():
-            run.x[:] = x[:, lane]
-            run.d[:] = d[:, lane]
-            run.go_to(first.end)
-            run.seconds = (time.perf_counter() - started) / number
+        attributes |= {"status": "complete", "wall_time": self.wall_time}
+        times = np.concatenate(self.log.times)
+        return dataset(self.log.channels, times, self.rows, attributes)
 
 
 class _AllFailedError(Exception):
     """No run is left to be advanced."""
 
 
-class _LogOfEach(Log):
-    """The logs of several runs, whose rows have a last axis of lanes."""
+class _LaneLog(Log):
+    """The log of several runs, whose rows have a last axis of lanes."""
 
-    def __init__(self, runs: dict[int, Run], count: int) -> None:
-        super().__init__([], {})
-        self._runs = runs
-        self._count = count
-        # All runs log the same channels, so there is one width.
-        (self._row_width,) = {
-            run.log.width for run in runs.values() if run.log is not None
-        }
-        self.width = self._row_width * count
+    def __init__(self, channels: Sequence[Channel], count: int) -> None:
+        super().__init__(channels, {})
+        self._shape = self.width, count
+        self.width *= count
+        self.times: list[Vector] = []
+        self.pieces: list[Vector] = []
 
     def reserve(self, number: int) -> Vector:
-        self._rows = np.empty((number, self._row_width, self._count))
+        self._rows = np.empty((number, *self._shape))
         return self._rows
 
     def keep(self, times: Vector | float, number: int = 1) -> None:
-        """Keep the first reserved rows in the log of each run; a run whose log raises is removed."""
-        for lane, run in [*self._runs.items()]:
-            assert run.log is not None
-            try:
-                run.log.reserve(number)[:] = self._rows[:number, :, lane]
-                run.log.keep(times, number)
-            except Exception:  # noqa: BLE001 - alone, the run reports it
-                del self._runs[lane]
-        if not self._runs:
-            raise _AllFailedError
+        """Keep the first reserved rows."""
+        self.times.append(np.atleast_1d(times))
+        self.pieces.append(self._rows[:number])
 
 
 @dataclass(slots=True)
 class _RunsTogether(Run):
-    """Several `runs`, by lane, as one whose arrays have a last axis of lanes."""
+    """Several runs as one whose arrays have a last axis of lanes; `good` are the lanes that go on."""
 
-    runs: dict[int, Run] = field(default_factory=dict)
+    good: set[int] = field(default_factory=set)
 
     def _failed(self, progress: Progress, k: int, is_logged: bool) -> None:
         """Remove the failed runs; the others repeat the step from tick `k` [-]."""
         if progress.bad is None:
             assert progress.error is not None
             raise progress.error
-        good = np.isfinite(progress.bad.reshape(-1, self.x.shape[-1])).all(axis=0)
-        for lane in np.flatnonzero(~good).tolist():
-            self.runs.pop(lane, None)
-            for array in (self.x, self.d, self.p):  # a copy of a good lane stays finite
-                array[:, lane] = array[:, np.argmax(good)]
-        if not self.runs:
-            raise _AllFailedError
+        self._remove(progress.bad.reshape(-1, self.x.shape[-1]))
         self.go_to(self.origin + k * self.prepared.tick)
         # If a state failed, the sampled blocks of this tick have computed already.
         self.sampled = k if progress.fault == "x" else None
+
+    def _remove(self, bad: Vector) -> None:
+        """Remove the runs with numbers in `bad` that are not finite."""
+        finite = np.isfinite(bad).all(axis=0)
+        self.good.difference_update(np.flatnonzero(~finite).tolist())
+        if not self.good:
+            raise _AllFailedError
+        for array in (self.x, self.d, self.p):  # a copy of a good lane stays finite
+            array[:, ~finite] = array[:, [np.argmax(finite)]]
+
+    def finish(self) -> None:
+        """Evaluate and log the instant of the end."""
+        if number := self.due():
+            updated = self.executor.instant(number, self.time, self.x, self.d, self.p)
+            self._remove(updated)
+            self.d[:] = updated
+        self._log_now(self.time)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import json
 from collections.abc import Callable, Iterator, Mapping
+from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
@@ -31,6 +32,7 @@ from trussflow.blocks.simulation.solver import (
 )
 from trussflow.blocks.simulation.step_size_warnings import warn_of_missed_jumps
 from trussflow.blocks.support.summary import Described, Description
+from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import (
     finite_array,
     positive,
@@ -185,32 +187,9 @@ class Simulator(Described):
             x, d = plan.initial(
                 p, initial, None, float(begin), executor.blocks.equations
             )
-            values = plan.p.listed(p)
-            states = plan.x.listed(x)
-            # Not all of d: held outputs follow from the states, and
-            # inputs keep their start values.
-            for layout in (plan.memory, plan.modes, plan.guesses):
-                states |= layout.listed(d)
-            # Without the duration, since a run may be resumed with a longer one.
-            known = prepared.identity
-            identity = known | {
-                "logged_hash": prepared.logged,
-                "start": float(begin),
-                "log": [channel.name for channel in prepared.channels],
-                "log_step": float(log_step),
-                "checkpoint_every": every and float(every),
-                **{f"parameter '{name}'": value for name, value in values.items()},
-                **{f"initial '{name}'": value for name, value in states.items()},
-            }
-            everything = json.dumps(identity | {"duration": float(duration)})
-            attributes: dict[str, Any] = {
-                **provenance(),
-                **known,
-                "duration": float(duration),
-                "parameters": json.dumps(values),
-                "initial_states": json.dumps(states),
-                "run_hash": digest(everything),
-            }
+            identity, attributes = self.identified(
+                duration, log_step, (x, d, p), begin, every
+            )
             resumes = identity if resume else None
             yield Run(
                 prepared,
@@ -227,6 +206,53 @@ class Simulator(Described):
                 checkpoint_every=every,
                 identity=identity,
             )
+
+    def identified(
+        self,
+        duration: float,
+        log_step: Fraction,
+        point: tuple[Vector, Vector, Vector],
+        begin: Fraction = Fraction(0),
+        every: Fraction | None = None,
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Return what identifies a run, and the attributes of its result.
+
+        Parameters
+        ----------
+        duration : float
+            Time to simulate [s].
+        log_step, begin, every : Fraction
+            Time between logged instants, initial time, and time between checkpoints [s].
+        point : tuple of Vector
+            States, discrete values and parameters at the initial time [as declared].
+        """
+        plan, known = self.prepared.plan, self.prepared.identity
+        x, d, p = point
+        values, states = plan.p.listed(p), plan.x.listed(x)
+        # Not all of d: held outputs follow from the states, and
+        # inputs keep their start values.
+        for layout in (plan.memory, plan.modes, plan.guesses):
+            states |= layout.listed(d)
+        # Without the duration, since a run may be resumed with a longer one.
+        identity = known | {
+            "logged_hash": self.prepared.logged,
+            "start": float(begin),
+            "log": [channel.name for channel in self.prepared.channels],
+            "log_step": float(log_step),
+            "checkpoint_every": every and float(every),
+            **{f"parameter '{name}'": value for name, value in values.items()},
+            **{f"initial '{name}'": value for name, value in states.items()},
+        }
+        everything = json.dumps(identity | {"duration": float(duration)})
+        attributes: dict[str, Any] = {
+            **provenance(),
+            **known,
+            "duration": float(duration),
+            "parameters": json.dumps(values),
+            "initial_states": json.dumps(states),
+            "run_hash": digest(everything),
+        }
+        return identity, attributes
 
     @spelled_out(OpeningSettings, opened)
     def run(

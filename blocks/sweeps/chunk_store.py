@@ -219,12 +219,17 @@ def _piece(samples: Sequence[Sample]) -> xr.Dataset:
     for name in dict.fromkeys(name for s in samples for name in s.values):
         # A sample that failed has no values, so its entries become NaN.
         there = {s.number: s.values[name] for s in samples if name in s.values}
+        first = next(iter(there.values()))
         if all(
-            isinstance(value, np.ndarray) and not value.ndim for value in there.values()
+            isinstance(value, np.ndarray) and value.shape == first.shape
+            for value in there.values()
         ):
-            found[name] = (
-                "sample",
-                [float(there.get(number, np.nan)) for number in numbers],
+            stacked = np.full((len(numbers), *first.shape), np.nan)
+            stacked[[number in there for number in numbers]] = [*there.values()]
+            axes = [f"{name}_{k}" for k in range(first.ndim)]
+            found[name] = ["sample", *axes], stacked
+            found = found.assign_coords(
+                {axis: np.arange(n) for axis, n in zip(axes, first.shape, strict=True)}
             )
             continue
         # Signals may have different lengths: the outer join fills the

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections import deque
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from typing import Any
@@ -64,7 +66,9 @@ class Dispatch:
         self._seconds = 0.0
         self._timed = 0
 
-    def run(self, name: str, room: int, progress: bool) -> None:
+    def run(
+        self, name: str, room: int, progress: bool, seconds: float = math.inf
+    ) -> None:
         """Run all samples that are not finished.
 
         Parameters
@@ -75,6 +79,8 @@ class Dispatch:
             Largest number of simultaneous tasks [-].
         progress : bool
             Whether to show a progress bar after a second.
+        seconds : float
+            Wall time after which no more tasks are submitted [s].
 
         Raises
         ------
@@ -82,6 +88,7 @@ class Dispatch:
             If the executor is broken.
         """
         finished, failed = self._pieces.finished, self._pieces.failed
+        end = time.monotonic() + seconds
         with ProgressBar(
             name,
             total=self.total,
@@ -91,6 +98,8 @@ class Dispatch:
         ) as bar:
             try:
                 while self._fresh or self._again or self._running:
+                    if time.monotonic() > end:
+                        break
                     while (self._fresh or self._again) and len(self._running) < room:
                         self._submit(room)
                     # With a timeout, so that chunks are written in time

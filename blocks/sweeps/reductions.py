@@ -13,6 +13,7 @@ import numpy as np
 
 from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.framework.port import Port
+from trussflow.blocks.simulation.lanes import LaneRun
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import shown
 
@@ -34,10 +35,13 @@ class Kept(NamedTuple):
         Takes the result of the run.
     outputs : list of str or None
         The outputs that it needs; None if unknown.
+    words : dict of str to tuple, optional
+        Output and name of the reduction of each value, if all are of `REDUCTIONS`, without whole signals.
     """
 
     function: Function
     outputs: list[str] | None = None
+    words: dict[str, tuple[str, str]] | None = None
 
 
 def _mean(times: Vector, values: Vector) -> Any:
@@ -87,7 +91,7 @@ def understood(keep: Any) -> Kept:
     if not isinstance(keep, Mapping) or not keep:
         hint = "give 'all', a list of outputs, a function of the run, or any of these by name"
         raise SimulationError(f"cannot keep {shown(keep)}: {hint}")
-    functions, outputs = dict[str, Function](), dict[str, bool]()
+    functions, words = dict[str, Function](), dict[str, tuple[str, str]]()
     for name, what in keep.items():
         own = _name(name)
         if callable(what):
@@ -97,14 +101,16 @@ def understood(keep: Any) -> Kept:
         if not isinstance(pair, tuple) or len(pair) != 2 or pair[1] not in REDUCTIONS:
             hint = f"give a function of the run, one of {', '.join(REDUCTIONS)}, or ('block.output', 'max')"
             raise SimulationError(f"cannot keep '{own}' as {shown(what)}: {hint}")
-        output = _name(pair[0])
-        functions[own], outputs[output] = (
-            functools.partial(_made, output, pair[1]),
-            True,
-        )
+        words[own] = _name(pair[0]), pair[1]
+        functions[own] = functools.partial(_made, *words[own])
     # A function may read any output, so all must be logged.
-    plain = not any(callable(what) for what in keep.values())
-    return Kept(functools.partial(_each, functions), list(outputs) if plain else None)
+    plain = len(words) == len(functions)
+    outputs = [*dict.fromkeys(output for output, _ in words.values())]
+    return Kept(
+        functools.partial(_each, functions),
+        outputs if plain else None,
+        words if plain and all(word != "all" for _, word in words.values()) else None,
+    )
 
 
 def _name(output: Any) -> str:
@@ -132,15 +138,22 @@ def _made(output: str, word: str, result: xr.Dataset) -> Any:
     )
 
 
-def reduced(result: xr.Dataset, function: Function) -> dict[str, Any]:
-    """Return the values of a `function` of a `result` by name: numbers, arrays and signals."""
+def reduced(result: xr.Dataset | LaneRun, kept: Kept) -> dict[str, Any]:
+    """Return the values that are `kept` of a `result` by name: numbers, arrays and signals."""
+    if isinstance(result, LaneRun):
+        if kept.words is not None:
+            return {
+                name: np.asarray(REDUCTIONS[word](*result.signal(output)), dtype=float)
+                for name, (output, word) in kept.words.items()
+            }
+        result = result.dataset()
     import xarray as xr
 
     return {
         name: value
         if isinstance(value, xr.DataArray) and value.ndim
         else np.asarray(value, dtype=float)
-        for name, value in function(result).items()
+        for name, value in kept.function(result).items()
     }
 
 

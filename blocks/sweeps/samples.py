@@ -22,12 +22,13 @@ from numpy.typing import NDArray
 
 from trussflow.blocks.errors import NameLookupError, SimulationError, TrussflowError
 from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.layout import Entry
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.results.log import status_of
-from trussflow.blocks.simulation.lanes import Lanes
+from trussflow.blocks.simulation.lanes import LaneRun, Lanes
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.support.types import Vector
-from trussflow.blocks.sweeps.reductions import Function, reduced
+from trussflow.blocks.sweeps.reductions import Kept, reduced
 from trussflow.blocks.tracing.compile_cache import CompilationError
 from trussflow.blocks.tracing.plan import Plan
 
@@ -39,6 +40,9 @@ Model = Diagram | System | Simulator | Callable[..., Any]
 
 ELEMENT = re.compile(r"(.+?)\[([\d, ]+)\]")
 """An element of an array, such as ``block.parameter[2]``."""
+
+PARAMETERS = 2
+"""Index of the parameters in (x, d, p) [-]."""
 
 MAX_CACHED_SIMULATORS = 8
 """Largest number of cached simulators, if a function builds the model."""
@@ -81,7 +85,7 @@ class Recipe:
         Settings of the `Simulator`.
     not_finite : str
         As for `Simulator.run`.
-    keep : callable or None
+    keep : Kept or None
         Reduction of each result.
     time_limit : float or None
         Wall time limit of each sample [s].
@@ -93,7 +97,7 @@ class Recipe:
     duration: float
     settings: dict[str, Any]
     not_finite: str = "stop"
-    keep: Function | None = None
+    keep: Kept | None = None
     time_limit: float | None = None
     lanes: bool = False
 
@@ -145,25 +149,26 @@ class Runs:
         self, samples: Sequence[tuple[int, dict[str, Any]]]
     ) -> Iterator[Sample]:
         """Yield the results of `samples`, which are indices and values [as declared]."""
-        with self._building:  # threads share the executor
+        with self._building:  # threads share the code
             lanes = self.lanes
-            count = lanes.count if lanes else 1
-        for first in range(0, len(samples), count):
-            group = samples[first : first + count]
-            results: dict[int, xr.Dataset | None] = {}
-            if lanes and 2 * len(group) >= count:
-                # fewer samples are faster one by one
-                plan, recipe = self.simulator({}).prepared.plan, self.recipe
-                each = dict[int, Any]()
-                for number, values in group:
-                    with contextlib.suppress(Exception):
-                        # the run of this sample alone reports the error
-                        each[number] = self.overrides(plan, values)
-                found = lanes.run(recipe.duration, [*each.values()], recipe.not_finite)
-                # None for a failed run, which `sample` repeats alone for its error.
-                results = dict(zip(each, found, strict=True))
-            for number, values in group:
-                yield self.sample(number, values, results.get(number))
+        # fewer samples are faster one by one
+        if lanes is None or 2 * len(samples) < lanes.count:
+            for number, values in samples:
+                yield self.sample(number, values)
+            return
+        plan, recipe = self.simulator({}).prepared.plan, self.recipe
+        good, alone = [], []
+        for number, values in samples:
+            try:
+                good.append((number, values, self.overrides(plan, values)))
+            except Exception:  # noqa: BLE001 - the run of this sample alone reports the error
+                alone.append((number, values))
+        runs = lanes.run(recipe.duration, [one[2] for one in good], recipe.not_finite)
+        for (number, values, _), run in zip(good, runs, strict=True):
+            # None for a failed run, which `sample` repeats alone for its error.
+            yield self.sample(number, values, run)
+        for number, values in alone:
+            yield self.sample(number, values)
 
     def check(self, values: Mapping[str, NDArray[Any]]) -> Simulator:
         """Return the simulator of a sample, after a check of the varied names and shapes.
@@ -252,13 +257,13 @@ class Runs:
         )
 
     def sample(
-        self, number: int, values: dict[str, Any], result: xr.Dataset | None = None
+        self, number: int, values: dict[str, Any], lane: LaneRun | None = None
     ) -> Sample:
-        """Return sample `number` [-], run with `values`, or from its `result` [as declared]."""
+        """Return sample `number` [-], run with `values` [as declared], or from its `lane`."""
         try:
             self.simulator(values)  # built before the time limit of the sample starts
             with _watched(self.recipe.time_limit):
-                result = self.run(values) if result is None else result
+                result = self.run(values) if lane is None else lane
                 found = Sample(number, self._read_back(result, values))
                 found.values = (
                     reduced(result, self.recipe.keep)
@@ -281,10 +286,14 @@ class Runs:
         return found
 
     def _read_back(
-        self, result: xr.Dataset, values: Mapping[str, Any]
+        self, result: xr.Dataset | LaneRun, values: Mapping[str, Any]
     ) -> dict[str, Any]:
-        """Return the values that a run used, from the attributes of its result."""
+        """Return the values that a run used, from its start or from the attributes of its result."""
         plan = self.simulator(values).prepared.plan
+        if isinstance(result, LaneRun):
+            return {
+                name: self._place(plan, name).value_in(result.start) for name in values
+            }
         had = {
             kind: json.loads(result.attrs[kind])
             for kind in ("parameters", "initial_states")
@@ -295,7 +304,7 @@ class Runs:
             listed = had["parameters" if place.is_parameter else "initial_states"][
                 place.reference
             ]
-            found[name] = np.reshape(listed, place.whole)[place.element]
+            found[name] = np.reshape(listed, place.entry.shape)[place.element]
             if not (found[name] == values[name]).all():
                 raise SimulationError(
                     f"'{name}' was to be {values[name]}, but the run had {found[name]}"
@@ -304,13 +313,21 @@ class Runs:
 
 
 class _Place(NamedTuple):
-    """Place of a varied value in a plan; an empty `element` selects the whole array."""
+    """Place of a varied value in a plan; an empty `element` selects the whole array.
+
+    `vector` is the index of its vector in (x, d, p), and `entry` its place there.
+    """
 
     reference: str
     element: tuple[int, ...]
-    is_parameter: bool
-    whole: tuple[int, ...]
+    vector: int
+    entry: Entry
     shape: tuple[int, ...]
+
+    @property
+    def is_parameter(self) -> bool:
+        """Whether it is in the vector of parameters."""
+        return self.vector == PARAMETERS
 
     @staticmethod
     def of(plan: Plan, name: str) -> _Place:
@@ -329,8 +346,18 @@ class _Place(NamedTuple):
             raise NameLookupError(
                 f"there is no '{name}': '{reference}' has shape {entry.shape}"
             ) from None
-        is_parameter = (entry.path, entry.name) in plan.p.entries
-        return _Place(reference, element, is_parameter, entry.shape, shape)
+        layouts = plan.x, plan.memory, plan.p
+        vector = next(
+            k
+            for k, layout in enumerate(layouts)
+            if layout.entries.get((entry.path, entry.name)) is entry
+        )
+        return _Place(reference, element, vector, entry, shape)
+
+    def value_in(self, start: tuple[Vector, Vector, Vector]) -> Any:
+        """Return the value at the `start` of a run, x, d and p [as declared]."""
+        flat = start[self.vector][self.entry.start : self.entry.stop]
+        return np.reshape(flat, self.entry.shape)[self.element]
 
 
 def _states(plan: Plan, p: Vector) -> dict[str, Any]:

@@ -55,6 +55,15 @@ The time to compile, like the time of a step, is proportional to the size of the
 also get samples for half of the lanes: with fewer, single runs on all cores are faster.
 """
 
+SAMPLE_SECONDS = 1e-3
+"""Wall time that a batched run saves besides its steps [s]: opening a run, and its result."""
+
+INSTRUCTION_SECONDS = 1e-9
+"""Wall time of one instruction of the equations, for the number of steps in `SAMPLE_SECONDS` [s]."""
+
+START_SECONDS = 1.0
+"""Wall time after which batches go to worker processes [s], whose start takes about as long."""
+
 UNKNOWN_WORKERS = 64
 """Assumed number of workers of an executor with an unknown number [-]."""
 
@@ -85,8 +94,9 @@ def sweep(
 ) -> xr.Dataset:
     """Run a diagram many times in parallel with varied values.
 
-    For long sweeps, fixed-step runs without events, algebraic loops, Python blocks or a time limit are
-    advanced in batches of 4 or 8 on each core, with the same numbers.
+    If it saves time, fixed-step runs without events, algebraic loops, Python blocks or a time limit are
+    advanced in batches of 4 or 8 on each core, with the same numbers. Batches begin in this process, and go
+    to worker processes after a second.
 
     Parameters
     ----------
@@ -162,7 +172,7 @@ def sweep(
         settings["log"] = kept.outputs
     columns = drawn(vary, samples, seed, method)
     recipe = Recipe(
-        model, float(duration), dict(settings), not_finite, kept.function, time_limit
+        model, float(duration), dict(settings), not_finite, kept, time_limit
     )
     runs = Runs(recipe)
     # Wrong names and shapes are reported here, before any worker starts.
@@ -189,7 +199,9 @@ def sweep(
     step, side = simulator.prepared.step, _side_by_side(executor, workers)
     # A varied argument changes the structure, so there is no common code for a batch.
     if step is not None and time_limit is None and all("." in name for name in columns):
-        steps = repeats * count * duration / float(step)
+        size = sum(p.graph.n_instructions() for p in simulator.prepared.programs)
+        opening = SAMPLE_SECONDS / (INSTRUCTION_SECONDS * max(1, size))
+        steps = repeats * count * (duration / float(step) + opening)
         enough = steps >= MIN_BATCHED_STEPS and 2 * count >= lanes() * side
         worth = enough and goes_in_lanes(simulator.prepared)
         runs.recipe = recipe = dataclasses.replace(recipe, lanes=worth)
@@ -214,12 +226,14 @@ def sweep(
             if isinstance(executor, Executor)
             else EXECUTORS[executor](side)
         )
+        name = simulator.prepared.plan.name
+        common = pickled, columns, pieces, together.count if together else 1
+        if together and executor == "processes":
+            # Compiled batches cannot end this process, so it begins with them.
+            Dispatch(Serial(1), *common).run(name, 1, progress, START_SECONDS)
         with opened as pool:
-            dispatch = Dispatch(
-                pool, pickled, columns, pieces, together.count if together else 1
-            )
             # Two tasks for each worker, so that the next one is there when one is done.
-            dispatch.run(simulator.prepared.plan.name, 2 * side, progress)
+            Dispatch(pool, *common).run(name, 2 * side, progress)
         return pieces.whole().assign_attrs(attributes)
     except KeyboardInterrupt:
         done = f"stopped after {pieces.finished.sum()} of {count} samples"

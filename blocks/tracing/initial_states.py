@@ -77,6 +77,8 @@ def set_from_inputs(
         if plan.system.clock_of[block.path] in (None, *active)
         and (block.path in opened or not block.hides)
     }
+    if not stating and not showing:
+        return
 
     @lru_cache(maxsize=1)  # one evaluation serves all blocks until a state changes
     def evaluated(_: bytes) -> Evaluation:

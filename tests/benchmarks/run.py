@@ -157,7 +157,7 @@ def side_by_side():
             simulator.run(duration, progress=False)
 
     def measure():
-        a, b, ratio = paired(lambda: lanes.run(duration, each, "stop"), alone)
+        a, b, ratio = paired(lambda: [*lanes.run(duration, each, "stop")], alone)
         return [
             Row.of(
                 "80 states (job B), samples at once on one core / alone", a, b, ratio

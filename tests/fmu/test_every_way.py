@@ -63,7 +63,8 @@ def in_lanes(seed, _folder):
     if not goes_in_lanes(simulator.prepared):
         raise SimulationError("the diagram does not go in lanes")
     lanes = Lanes(simulator)
-    first, *others = map(signals, lanes.run(LENGTH, [({}, {})] * lanes.count, "warn"))
+    runs = lanes.run(LENGTH, [({}, {})] * lanes.count, "warn")
+    first, *others = (signals(run.dataset()) for run in runs)
     for other in others:
         assert_array_equal(other, first)
     return first

@@ -146,6 +146,7 @@ def several(simulator, count):
 
 
 def assert_same(found, alone):
+    found = found.dataset()
     assert found.equals(alone)
     for name in ("run_hash", "status", "parameters", "initial_states"):
         assert found.attrs[name] == alone.attrs[name]
@@ -160,10 +161,10 @@ def test_each_lane_is_the_run_alone_to_the_bit(diagram, solver):
     assert goes_in_lanes(simulator.prepared)
     lanes = Lanes(simulator)
     each = several(simulator, lanes.count - 1)
-    found = lanes.run(0.9, each, "stop")
+    found = [*lanes.run(0.9, each, "stop")]
     for result, (parameters, initial) in zip(found, each, strict=True):
         assert_same(result, simulator.run(0.9, parameters=parameters, initial=initial))
-    ends = {result.to_array().values[:, -1].tobytes() for result in found}
+    ends = {result.dataset().to_array().values[:, -1].tobytes() for result in found}
     assert len(ends) == len(each)
 
 
@@ -190,7 +191,9 @@ def test_zeros_have_the_same_sign():
     np.arctan2(-y.y, -1.0 * diagram.add(one=Constant(np.ones(12))).y)
     simulator = Simulator(diagram, step=STEP)
     lanes = Lanes(simulator)
-    assert_same(lanes.run(0.1, [({}, {})] * lanes.count, "stop")[0], simulator.run(0.1))
+    assert_same(
+        next(lanes.run(0.1, [({}, {})] * lanes.count, "stop")), simulator.run(0.1)
+    )
 
 
 def exploding():
