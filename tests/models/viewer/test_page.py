@@ -3,6 +3,7 @@
 import base64
 import json
 import re
+import sys
 import zlib
 from dataclasses import replace
 from typing import Any
@@ -393,14 +394,15 @@ def test_command_line(run, tmp_path, capsys):
 
 
 def test_pictures_say_what_is_missing(page_file, tmp_path, monkeypatch):
-    with pytest.raises(ModelError, match="there is no such file; replay writes it"):
-        still(tmp_path / "none.html", tmp_path / "none.png", time=1.0)
-    with pytest.raises(ModelError, match="no camera 'below'; choose from: oblique"):
-        still(page_file, tmp_path / "none.png", time=1.0, camera="below")
-    monkeypatch.setenv("BROWSER_PATH", "")
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(ModelError, match="no Chromium or Chrome is found; install one"):
-        still(page_file, tmp_path / "none.png", time=1.0)
-    monkeypatch.setenv("BROWSER_PATH", str(tmp_path / "none"))
-    with pytest.raises(ModelError, match=r"cannot take a picture with '.*none'"):
-        still(page_file, tmp_path / "none.png", time=1.0)
+    missing, no_browser = tmp_path / "none.html", r"cannot take a picture with '.*none'"
+    for page, camera, program, message in (
+        (missing, "front", "", "there is no such file; replay writes it"),
+        (page_file, "below", "", "no camera 'below'; choose from: oblique"),
+        (page_file, "front", "", "no Chromium or Chrome is found; install one"),
+        (page_file, "front", str(tmp_path / "none"), no_browser),
+        (page_file, "front", sys.executable, "or the browser failed"),
+    ):
+        monkeypatch.setenv("BROWSER_PATH", program)
+        with pytest.raises(ModelError, match=message):
+            still(page, tmp_path / "none.png", time=1.0, camera=camera)
