@@ -5,5 +5,12 @@ Tests that draw cases at random scale their number with ``SIZE`` and start from 
 
 import os
 
+import pytest
+
 SIZE = int(os.environ.get("CAMPAIGN", "1"))
 SEED = int(os.environ.get("CAMPAIGN_SEED", "0"))
+
+
+def only(*values):
+    """Return arguments of a parametrized test that only the campaign runs."""
+    return pytest.param(*values, marks=pytest.mark.campaign)

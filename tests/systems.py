@@ -4,6 +4,7 @@ from unittest import mock
 
 import casadi as ca
 import numpy as np
+from numpy.testing import assert_allclose
 
 from trussflow.blocks import (
     Block,
@@ -191,6 +192,11 @@ def interpreted(request):
     )
     with mock.patch.dict(Solver.__init__.__kwdefaults__, backend=backend):
         yield
+
+
+def assert_near(found, expected, tolerance, err_msg=""):
+    """Check that arrays differ by an absolute tolerance at most."""
+    assert_allclose(found, expected, rtol=0, atol=tolerance, err_msg=err_msg)
 
 
 def relative_error(found, expected):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import systems
+from numpy.testing import assert_allclose, assert_array_equal
 
 from trussflow.blocks import (
     Diagram,
@@ -32,7 +33,7 @@ def test_rows_are_logged_every_seventh_step():
     diagram = Diagram("clock")
     diagram.add(time=Ramp())
     result = simulate(diagram, 490 * 7 * TICK, step=TICK, log_step=7 * TICK)
-    np.testing.assert_allclose(result["time"], 7 * TICK * np.arange(491), rtol=1e-12)
+    assert_allclose(result["time"], 7 * TICK * np.arange(491), rtol=1e-12)
 
 
 def test_many_clocks_start_at_their_offset():
@@ -43,7 +44,7 @@ def test_many_clocks_start_at_their_offset():
     result, tick = simulate(diagram, 20 * TICK, step=TICK), np.arange(21)
     for k in range(2, 9):
         sampled = np.where(tick < 1, 0, 1 + (tick - 1) // k * k)
-        np.testing.assert_allclose(result[f"hold{k}.y"], TICK * sampled, rtol=1e-12)
+        assert_allclose(result[f"hold{k}.y"], TICK * sampled, rtol=1e-12)
 
 
 def test_a_refused_set_of_parameters_changes_none():
@@ -51,7 +52,7 @@ def test_a_refused_set_of_parameters_changes_none():
         before = session.save().p
         with pytest.raises(ParameterError):
             session.tune({"Oscillator.stiffness": 1.0, "Oscillator.mass": -1.0})
-        np.testing.assert_array_equal(session.save().p, before)
+        assert_array_equal(session.save().p, before)
 
 
 def test_a_delay_restarts_twice_from_one_snapshot():

@@ -6,6 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import campaign
 import fmpy
 import numpy as np
 import pytest
@@ -243,9 +244,7 @@ def plant():
     return SpaceTruss.consistent()
 
 
-@pytest.fixture(
-    scope="session", params=["2.0", pytest.param("3.0", marks=pytest.mark.campaign)]
-)
+@pytest.fixture(scope="session", params=["2.0", campaign.only("3.0")])
 def plant_fmu(request, plant, exported):
     return exported(plant, request.param)
 

@@ -54,7 +54,7 @@ def signals(result):
 def simulated(item, backend="interpreted", **settings):
     diagram, log = around(item)
     simulator = Simulator(diagram, step=STEP, backend=backend, log=log)
-    return signals(simulator.run(LENGTH, progress=False, **settings))
+    return signals(simulator.run(LENGTH, **settings))
 
 
 def in_lanes(seed, _folder):
@@ -112,11 +112,7 @@ def resumed(seed, folder):
 
 def cosimulated(seed, _folder):
     diagram, log = around(exposed(seed))
-    return signals(
-        cosimulate(
-            diagram, LENGTH, step=STEP, members=["item"], log=log, progress=False
-        )
-    )
+    return signals(cosimulate(diagram, LENGTH, step=STEP, members=["item"], log=log))
 
 
 def imported(kind, version):
@@ -183,9 +179,7 @@ def check(seed, folder, counts):
     return wrong
 
 
-@pytest.mark.parametrize(
-    "part", [0, *(pytest.param(n, marks=pytest.mark.campaign) for n in range(1, 5))]
-)
+@pytest.mark.parametrize("part", [0, *map(campaign.only, range(1, 5))])
 def test_every_way_gives_the_same_numbers(part, tmp_path):
     number = 2 * campaign.SIZE
     counts, wrong = Counter(), []

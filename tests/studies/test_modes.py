@@ -6,6 +6,7 @@ from modes import main
 from scipy.linalg import block_diag, eigh
 from spillover import rightmost_poles
 from study_tools.stability import rightmost, stable_damping
+from systems import assert_near
 from truss_loop import TrussLoop
 
 from trussflow.blocks import modal_table
@@ -101,9 +102,7 @@ def test_modal_table_of_the_truss_has_the_modes_of_its_mass_and_stiffness():
         np.sqrt(squares[truss.rigid :]), rel=1e-8
     )
     for mode, effect in zip(found, effects[truss.rigid :], strict=True):
-        np.testing.assert_allclose(
-            list(mode.shares.values()), effect / effect.sum(), rtol=0, atol=1e-7
-        )
+        assert_near(list(mode.shares.values()), effect / effect.sum(), 1e-7)
 
 
 @pytest.mark.campaign

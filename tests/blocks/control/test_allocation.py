@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose, assert_array_equal
+from systems import assert_near
 
 from trussflow.blocks import Constant, Diagram, WeightedAllocation, simulate
 from trussflow.blocks.errors import SimulationError, SimulationWarning
@@ -33,11 +34,11 @@ def test_demand_is_met_with_the_least_weighted_effort(problem, evaluate):
     P, weights, u = problem
     block = WeightedAllocation(len(u), weights)
     Q = evaluate(block, demand=u, effectiveness=P)["command"]
-    assert_allclose(P @ Q, u, rtol=0, atol=RESIDUAL)
+    assert_near(P @ Q, u, RESIDUAL)
     # Stationary: W Q has no part that P cannot see, so no change along the null space helps.
     _, _, directions = np.linalg.svd(P)
     null_space = directions[len(u) :]
-    assert_allclose(null_space @ (weights * Q), 0.0, rtol=0, atol=RESIDUAL)
+    assert_near(null_space @ (weights * Q), 0.0, RESIDUAL)
 
 
 def test_share_is_inverse_to_the_weight(evaluate):

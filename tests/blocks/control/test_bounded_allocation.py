@@ -3,9 +3,9 @@
 import campaign
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_array_equal
 from scipy.optimize import lsq_linear
-from systems import ports
+from systems import assert_near, ports
 
 from trussflow.blocks import (
     BoundedAllocation,
@@ -85,9 +85,7 @@ def free_gradient(weights, u, Q):
     return np.max(np.abs(gradient)) / max(1e-300, np.max(terms))
 
 
-@pytest.mark.parametrize(
-    ("m", "n"), [(1, 1), (2, 5), (4, 3), pytest.param(6, 9, marks=pytest.mark.campaign)]
-)
+@pytest.mark.parametrize(("m", "n"), [(1, 1), (2, 5), (4, 3), campaign.only(6, 9)])
 def test_optimal_on_every_backend(m, n):
     """Random problems, degenerate ones among them; the compiled code is what an FMU holds."""
     random = np.random.default_rng(10 * m + n)
@@ -111,7 +109,7 @@ def test_optimal_on_every_backend(m, n):
         for name, values in first.items():
             scale = max(1.0, np.max(np.abs(values)))
             for other in others:
-                assert_allclose(other[name], values, rtol=0, atol=1e-9 * scale)
+                assert_near(other[name], values, 1e-9 * scale)
     assert unreachable > PROBLEM_COUNT / 5
 
 
@@ -129,7 +127,7 @@ def test_another_solver_agrees(evaluate):
         ).x
         Q = evaluate(BoundedAllocation(m, weights), **u)["command"]
         scale = max(1.0, np.max(np.abs(other)))
-        assert_allclose(Q, other, rtol=0, atol=COMMAND_TOLERANCE * scale)
+        assert_near(Q, other, COMMAND_TOLERANCE * scale)
 
 
 def actuators(evaluate, **others):
@@ -148,17 +146,17 @@ def actuators(evaluate, **others):
 
 def test_a_demand_of_small_weight_gives_way_first(evaluate):
     result = actuators(evaluate)
-    assert_allclose(result["command"], 0.5, rtol=0, atol=1e-9)
-    assert_allclose(result["missed"], 0.0, rtol=0, atol=1e-9)
+    assert_near(result["command"], 0.5, 1e-9)
+    assert_near(result["missed"], 0.0, 1e-9)
     # One failed, one stuck: the first demand is still met, the second is not.
     result = actuators(evaluate, lower=[-1.0, 0.0, 0.7], upper=[1.0, 0.0, 0.7])
-    assert_allclose(result["command"], [0.8, 0.0, 0.7], rtol=0, atol=1e-3)
+    assert_near(result["command"], [0.8, 0.0, 0.7], 1e-3)
     assert_array_equal(result["command"][1:], [0.0, 0.7])
     assert_array_equal(result["saturated"], [0.0, 1.0, 1.0])
     # More than there is: everything at its limit, the rest is reported.
     result = actuators(evaluate, demand=[4.0, 0.0])
     assert_array_equal(result["command"], 1.0)
-    assert_allclose(result["missed"], [1.0, 0.0], rtol=0, atol=1e-15)
+    assert_near(result["missed"], [1.0, 0.0], 1e-15)
 
 
 @pytest.mark.parametrize("backend", ["numpy", "compiled"])
@@ -174,7 +172,7 @@ def test_commands_move_no_faster_than_rates(backend):
     result = simulate(diagram, 1.0, step=0.05, backend=backend)
     Q = result["block.command"].values
     change = np.max(np.abs(np.diff(Q, axis=0)), axis=0)
-    assert_allclose(change[:3], [0.05, 0.1, 0.15], rtol=0, atol=1e-14)
+    assert_near(change[:3], [0.05, 0.1, 0.15], 1e-14)
     assert change[3] > 0.16
     assert np.max(np.abs(Q)) == 0.6
 
@@ -213,7 +211,7 @@ def test_linear_model_is_the_slope(size):
         )
         return np.concatenate([session.outputs["command"], session.outputs["missed"]])
 
-    assert_allclose(model.D @ symmetric, slopes(outputs, at), rtol=0, atol=1e-7)
+    assert_near(model.D @ symmetric, slopes(outputs, at), 1e-7)
 
 
 def test_a_linear_model_after_a_check():
@@ -242,7 +240,7 @@ def test_effort_that_weighs_nothing_costs_no_digits(backend):
     session = Session(BoundedAllocation(5, np.full(3, 1e-5)), step=1.0, backend=backend)
     session.start(inputs=u)
     exact = lsq_linear(matrix, demand, limits, method="bvls", tol=1e-15).x
-    assert_allclose(session.outputs["command"], exact, rtol=0, atol=1e-9)
+    assert_near(session.outputs["command"], exact, 1e-9)
 
 
 def test_slope_by_weights():
@@ -257,7 +255,7 @@ def test_slope_by_weights():
     at = np.array([0.5, 3.0, 0.7])
     block = Function(command, **ports(u=3, y=3))
     model = linearize(block, at=OperatingPoint(inputs={"u": at}))
-    assert_allclose(model.D, slopes(command, at), rtol=0, atol=1e-8)
+    assert_near(model.D, slopes(command, at), 1e-8)
     assert np.max(np.abs(model.D)) > 0.01
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from systems import assert_near
 
 from trussflow.blocks import (
     Constant,
@@ -42,17 +42,14 @@ def test_estimate_is_a_first_order_lag_from_zero():
     t = result["time"].values[:, None]
     estimate = constant + np.imag(response * np.exp(2j * np.pi * frequency * t))
     estimate -= (constant + np.imag(response)) * np.exp(-LAW * t)
-    assert_allclose(
-        result["observer.disturbance_estimate"], estimate, rtol=0, atol=1e-6
-    )
+    assert_near(result["observer.disturbance_estimate"], estimate, 1e-6)
 
 
 def test_one_gain_serves_all_elements():
-    assert_allclose(
+    assert_near(
         observed(Constant([0.3, -1.0]), 4.0)["observer.disturbance_estimate"][:, 1],
         observed(Constant([0.3, -1.0]))["observer.disturbance_estimate"][:, 1],
-        rtol=0,
-        atol=1e-14,
+        1e-14,
     )
 
 

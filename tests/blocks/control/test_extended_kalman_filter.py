@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from systems import jacobian
+from systems import assert_near, jacobian
 
 from trussflow.blocks.control import ExtendedKalmanFilter, NonlinearProcess
 from trussflow.blocks.errors import BlockError, ParameterError, TracingError
@@ -75,7 +75,7 @@ def test_recursion_is_that_of_the_textbook(steps, follow):
     y, u = g.normal(size=(40, 2)) * 0.1, g.normal(size=(40, 1))
     found = follow(extended(steps=steps), y, u)
     expected = by_hand(y, u, np.array([0.5, 0.0]), 0.01 * np.eye(2), steps)
-    np.testing.assert_allclose(found["estimate"], expected, rtol=0, atol=1e-10)
+    assert_near(found["estimate"], expected, 1e-10)
 
 
 @pytest.mark.parametrize("behind", [1, 3])
@@ -91,9 +91,7 @@ def test_delay_shifts_it(behind, follow):
     settings = {"measurement_delay": behind * EVERY, "initial_command": u[:behind]}
     block = extended(settings, rates=late(rates), outputs=late(outputs))
     found = follow(block, y[: 30 - behind], u[behind:])
-    np.testing.assert_allclose(
-        found["innovation"], plain["innovation"][: 30 - behind], rtol=0, atol=1e-12
-    )
+    assert_near(found["innovation"], plain["innovation"][: 30 - behind], 1e-12)
     x = plain["estimate"][10]
     for k in range(10, 10 + behind):
         x = stepped(
@@ -102,7 +100,7 @@ def test_delay_shifts_it(behind, follow):
             u[k],
             EVERY / 2,
         )
-    np.testing.assert_allclose(found["estimate"][10], x, rtol=0, atol=1e-12)
+    assert_near(found["estimate"][10], x, 1e-12)
 
 
 def test_without_commands_there_is_no_port_for_them(follow):

@@ -5,8 +5,9 @@ from typing import Any
 import control
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import block_diag
-from systems import DrivenPendulum
+from systems import DrivenPendulum, assert_near
 
 from trussflow.blocks import (
     Block,
@@ -87,13 +88,11 @@ def test_plant_is_sampled_exactly_with_its_disturbances():
         control.ss(wide, np.vstack([B, np.zeros((3, 2))])[:, :1], np.eye(7), 0), EVERY
     )
     process: Any = block.process
-    np.testing.assert_allclose(process.A, sampled.A, rtol=0, atol=ROUND_OFF)
-    np.testing.assert_allclose(process.B, sampled.B, rtol=0, atol=ROUND_OFF)
-    np.testing.assert_array_equal(process.C, [[1, 0, 0, 0, 0, 1, 0]])
+    assert_near(process.A, sampled.A, ROUND_OFF)
+    assert_near(process.B, sampled.B, ROUND_OFF)
+    assert_array_equal(process.C, [[1, 0, 0, 0, 0, 1, 0]])
     density = np.diag([0, 0, 1e-6, 2e-6, 2 * 0.4**2 / 5.0, 1e-6, 1e-4])
-    np.testing.assert_allclose(
-        process.covariance, sampled_covariance(wide, density, EVERY), rtol=0, atol=1e-18
-    )
+    assert_near(process.covariance, sampled_covariance(wide, density, EVERY), 1e-18)
     assert block.state_names == (
         "TwoMasses/position[0]",
         "TwoMasses/position[1]",
@@ -133,7 +132,7 @@ def test_a_linear_model_gives_the_same_filter(block):
     settings = SETTINGS | {"measured": "y", "inputs": "u[0]"}
     settings["process_noise"] = {"x[2:4]": SETTINGS["process_noise"]["velocity"]}
     same = kalman_filter(from_control(model), **settings, disturbances={"u[1]": 1e-3})
-    np.testing.assert_allclose(same.gain, block.gain, rtol=1e-12)
+    assert_allclose(same.gain, block.gain, rtol=1e-12)
 
 
 def test_what_drives_a_command_in_the_diagram_is_cut_off():
@@ -152,7 +151,7 @@ def test_what_drives_a_command_in_the_diagram_is_cut_off():
         k for k, name in enumerate(block.state_names) if name.startswith("masses")
     ]
     reference = kalman_filter(TwoMasses(), **SETTINGS)
-    np.testing.assert_allclose(block.gain[masses], reference.gain, rtol=1e-9, atol=0)
+    assert_allclose(block.gain[masses], reference.gain, rtol=1e-9, atol=0)
 
 
 @pytest.mark.parametrize("kind", ["steady", "varying", "extended"])
@@ -176,9 +175,7 @@ def test_signals_are_absolute_at_any_operating_point(kind, follow):
     )
     found = follow(block, np.full((50, 1), np.sin(1.0)), np.full((50, 1), held))
     for name in ("estimate", "prediction"):
-        np.testing.assert_allclose(
-            found[name], np.tile([1.0, 0, 0], (50, 1)), rtol=0, atol=ROUND_OFF
-        )
+        assert_near(found[name], np.tile([1.0, 0, 0], (50, 1)), ROUND_OFF)
     assert type(block) is (KalmanFilter if kind == "steady" else ExtendedKalmanFilter)
 
 
@@ -203,9 +200,7 @@ def test_a_point_that_is_no_equilibrium_drifts(follow):
         ),
         EVERY,
     )
-    np.testing.assert_allclose(
-        found["estimate"][0], [1.0, 0.0] + tangent.B[:, 0], rtol=0, atol=ROUND_OFF
-    )
+    assert_near(found["estimate"][0], [1.0, 0.0] + tangent.B[:, 0], ROUND_OFF)
 
 
 def test_extended_filter_of_a_linear_diagram_is_the_time_varying_one(follow):

@@ -3,8 +3,10 @@
 import control
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import quad_vec
 from scipy.linalg import expm, solve_discrete_are
+from systems import assert_near
 
 from trussflow.blocks.control import ExtendedKalmanFilter, KalmanFilter, LinearProcess
 from trussflow.blocks.control.covariances import sampled_covariance
@@ -37,13 +39,11 @@ def test_gain_is_that_of_python_control_and_scipy(seed):
     A, C, Q, R = (of[name] for name in ("A", "C", "covariance", "noise"))
     block = KalmanFilter(LinearProcess(**of))
     theirs, P, _ = control.dlqe(A, np.eye(len(A)), C, Q, R)
-    np.testing.assert_allclose(A @ block.gain, theirs, rtol=0, atol=TOLERANCE)
+    assert_near(A @ block.gain, theirs, TOLERANCE)
     P = solve_discrete_are(A.T, C.T, Q, R)
     after = np.linalg.inv(np.linalg.inv(P) + C.T @ np.linalg.inv(R) @ C)
-    np.testing.assert_allclose(
-        block.covariance, after, rtol=TOLERANCE, atol=TOLERANCE * P.max()
-    )
-    np.testing.assert_allclose(
+    assert_allclose(block.covariance, after, rtol=TOLERANCE, atol=TOLERANCE * P.max())
+    assert_allclose(
         block.innovation_covariance, C @ P @ C.T + R, rtol=TOLERANCE, atol=0
     )
 
@@ -54,7 +54,7 @@ def test_gain_does_not_depend_on_the_unit_of_noise(factor):
     expected = KalmanFilter(LinearProcess(**of)).gain
     scaled = {name: factor * of[name] for name in ("covariance", "noise")}
     gain = KalmanFilter(LinearProcess(**of | scaled)).gain
-    np.testing.assert_allclose(gain, expected, rtol=0, atol=TOLERANCE)
+    assert_near(gain, expected, TOLERANCE)
 
 
 def least_squares(of, spread, y, u):
@@ -92,7 +92,7 @@ def test_time_varying_filter_is_batch_least_squares(seed, follow):
     )
     for k in (1, 4, 12):
         expected = least_squares(of, spread, y[:k], u[:k])
-        np.testing.assert_allclose(
+        assert_allclose(
             found["estimate"][k - 1], expected, rtol=TOLERANCE, atol=TOLERANCE
         )
 
@@ -112,16 +112,16 @@ def test_delays_shift_the_filter_without(behind, ahead, make, follow):
     # From where the first measurement arrives: the command given then acts `ahead` samples later.
     ours = follow(delayed, y[: 40 - late], acting[late:])
     for name in ("innovation", "predicted"):
-        np.testing.assert_array_equal(ours[name], plain[name][: 40 - late])
+        assert_array_equal(ours[name], plain[name][: 40 - late])
     A, B = of["A"], of["B"]
     for k in (0, 5, 30):
         x = plain["estimate"][k]
         for i in range(k, k + behind):
             x = A @ x + B @ acting[i]
-        np.testing.assert_array_equal(ours["estimate"][k], x)
+        assert_array_equal(ours["estimate"][k], x)
         for i in range(k + behind, k + late):
             x = A @ x + B @ acting[i]
-        np.testing.assert_array_equal(ours["prediction"][k], x)
+        assert_array_equal(ours["prediction"][k], x)
 
 
 def test_noise_is_sampled_exactly():
@@ -138,6 +138,6 @@ def test_noise_is_sampled_exactly():
         expected, _ = quad_vec(
             spread, 0.0, 0.3, epsabs=1e-13, points=[1e-5, 1e-4, 1e-3]
         )
-        np.testing.assert_allclose(
+        assert_allclose(
             sampled_covariance(A, density, 0.3), expected, rtol=1e-10, atol=1e-13
         )

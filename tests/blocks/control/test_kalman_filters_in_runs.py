@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from systems import DrivenPendulum
+from numpy.testing import assert_array_equal
+from systems import DrivenPendulum, assert_near
 
 from trussflow.blocks import (
     Block,
@@ -104,7 +105,7 @@ def test_backends_agree(kind):
         reference, *others = (result[f"filter.{name}"].values for result in results)
         assert np.abs(reference).max() > 1e-3
         for found in others:
-            np.testing.assert_allclose(found, reference, rtol=0, atol=1e-11)
+            assert_near(found, reference, 1e-11)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -122,10 +123,10 @@ def test_without_noise_everything_is_found_exactly(kind):
         result["filter.estimate"].values,
         result["plant.measured"].values,
     )
-    np.testing.assert_allclose(estimate[-100:, 0], position[-100:], rtol=0, atol=1e-9)
-    np.testing.assert_allclose(estimate[-100:, 2], 0.7, rtol=0, atol=1e-9)
+    assert_near(estimate[-100:, 0], position[-100:], 1e-9)
+    assert_near(estimate[-100:, 2], 0.7, 1e-9)
     ahead = result["filter.prediction"].values[-100:-1, 0]
-    np.testing.assert_allclose(ahead, position[-99:], rtol=0, atol=1e-9)
+    assert_near(ahead, position[-99:], 1e-9)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -148,10 +149,10 @@ def test_fmu_of_a_controller_gives_the_same_numbers_bit_by_bit(kind, tmp_path):
     path = export(controller(), tmp_path / "c.fmu", step=EVERY)
     top = Diagram("top")
     top.add(c=Fmu(path, step=EVERY))
-    ours = simulate(controller(), 4.0, step=EVERY, progress=False, backend="compiled")
-    theirs = simulate(top, 4.0, step=EVERY, progress=False)
-    np.testing.assert_array_equal(theirs["c.estimate"], ours["filter.estimate"])
-    np.testing.assert_array_equal(theirs["c.command"], ours["brake.y"])
+    ours = simulate(controller(), 4.0, step=EVERY, backend="compiled")
+    theirs = simulate(top, 4.0, step=EVERY)
+    assert_array_equal(theirs["c.estimate"], ours["filter.estimate"])
+    assert_array_equal(theirs["c.command"], ours["brake.y"])
 
 
 def test_fmu_of_the_filter_alone(tmp_path):
@@ -164,9 +165,6 @@ def test_fmu_of_the_filter_alone(tmp_path):
     blocks = designed("steady", DrivenPendulum()), Fmu(path, step=EVERY)
     ours, theirs = (simulate(loop(block), 0.5, **SETTINGS) for block in blocks)
     for name in ("estimate", "prediction", "innovation"):
-        np.testing.assert_allclose(
-            theirs[f"filter.{name}"].values,
-            ours[f"filter.{name}"].values,
-            rtol=0,
-            atol=1e-13,
+        assert_near(
+            theirs[f"filter.{name}"].values, ours[f"filter.{name}"].values, 1e-13
         )

@@ -3,7 +3,7 @@
 import control
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from systems import assert_near
 
 from trussflow.blocks import Diagram, from_control, linearize, lqr
 
@@ -26,10 +26,7 @@ def test_regulated_poles_are_those_of_the_design(system):
     K = (control.lqr if system.isctime() else control.dlqr)(system, *weights)[0]
     poles = np.linalg.eigvals(system.A - system.B @ K)
     found = linearize(d, [plant.u], [plant.y])
-    assert_allclose(
-        np.sort_complex(np.linalg.eigvals(found.A)),
-        np.sort_complex(poles),
-        rtol=0,
-        atol=ROUND_OFF,
+    assert_near(
+        np.sort_complex(np.linalg.eigvals(found.A)), np.sort_complex(poles), ROUND_OFF
     )
     assert law.y.shape == (() if len(K) == 1 else (2,))

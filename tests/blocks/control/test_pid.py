@@ -4,6 +4,7 @@ import control
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from systems import assert_near
 
 from trussflow.blocks import (
     PID,
@@ -61,7 +62,7 @@ def test_closed_loop_is_that_of_python_control():
     exact = control.step_response(
         control.feedback(law * plant, 1), T=result["time"].values[50:] - 0.5
     )
-    assert_allclose(result["motor.y"][50:], exact.outputs, rtol=0, atol=FOURTH_ORDER)
+    assert_near(result["motor.y"][50:], exact.outputs, FOURTH_ORDER)
 
 
 def test_back_calculation_shortens_the_overshoot_of_a_limited_loop():
@@ -96,11 +97,9 @@ def test_integral_settles_where_back_calculation_holds_it(respond):
 def test_start_without_a_bump(build, respond):
     pid = build(2.0, 0.5, 0.3, start=[0.7, -0.2], reference_rate_weight=1.0)
     result = respond(pid, 0.5, reference=[1.0, 2.0], measurement=[0.0, -3.0])
-    assert_allclose(result["block.y"][0], [0.7, -0.2], rtol=0, atol=ROUND_OFF)
+    assert_near(result["block.y"][0], [0.7, -0.2], ROUND_OFF)
     error = np.array([1.0, 5.0])
-    assert_allclose(
-        result["block.y"][-1], [0.7, -0.2] + 0.5 * error * 0.5, rtol=0, atol=ROUND_OFF
-    )
+    assert_near(result["block.y"][-1], [0.7, -0.2] + 0.5 * error * 0.5, ROUND_OFF)
 
 
 def test_sampled_law_sample_by_sample(respond):

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
+from systems import assert_near
 
 from trussflow.blocks import (
     Constant,
@@ -55,12 +56,7 @@ def test_a_quarter_of_the_acceleration_takes_twice_the_time():
     )
     for name in MOTION:
         scale = np.abs(given[f"given.{name}"]).max()
-        assert_allclose(
-            slow[f"retimed.{name}"],
-            given[f"given.{name}"],
-            rtol=0.0,
-            atol=ROUND_OFF * scale,
-        )
+        assert_near(slow[f"retimed.{name}"], given[f"given.{name}"], ROUND_OFF * scale)
 
 
 def test_outputs_are_derivatives_of_each_other(evaluate):
@@ -81,7 +77,7 @@ def test_outputs_are_derivatives_of_each_other(evaluate):
         )
         for name, rate in pairwise(MOTION):
             slope = (after[name] - before[name]) / (2 * step)
-            assert_allclose(slope, now[rate], rtol=0.0, atol=1e-7)
+            assert_near(slope, now[rate], 1e-7)
 
 
 @given(
@@ -140,7 +136,7 @@ def test_stops_as_soon_as_it_can_if_the_goal_is_too_near():
     farthest = 1.0 + WAY[0] / 2 + 15 / 16 * v**2 / a
     assert_allclose(position.max(), farthest, rtol=ROUND_OFF, atol=0.0)
     stopped = result["time"][np.flatnonzero(speed <= 0.0)[1]]
-    assert_allclose(stopped, 30.0 + 15 / 8 * v / a, rtol=0.0, atol=1.01 * SAMPLE)
+    assert_near(stopped, 30.0 + 15 / 8 * v / a, 1.01 * SAMPLE)
     assert position[-1] == pytest.approx(7.0, rel=ROUND_OFF)
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_array_equal
+from systems import assert_near
 
 from trussflow.blocks import (
     Diagram,
@@ -61,7 +62,7 @@ def test_outputs_are_derivatives_of_each_other():
     for i in range(len(examples())):
         for integral, port in (("rate", "velocity"), ("position", "position")):
             expected = result[f"block_{i}.{port}"]
-            assert_allclose(result[f"{integral}_{i}.y"], expected, rtol=0, atol=1e-8)
+            assert_near(result[f"{integral}_{i}.y"], expected, 1e-8)
 
 
 @pytest.mark.parametrize("block", examples(), ids=lambda block: type(block).__name__)
@@ -71,12 +72,7 @@ def test_motion_is_held_outside(block, evaluate):
         outside = evaluate(block, t)
         assert_array_equal(outside["velocity"], 0.0)
         assert_array_equal(outside["acceleration"], 0.0)
-        assert_allclose(
-            outside["position"],
-            evaluate(block, edge)["position"],
-            rtol=0,
-            atol=ROUND_OFF,
-        )
+        assert_near(outside["position"], evaluate(block, edge)["position"], ROUND_OFF)
 
 
 def test_quintic_meets_its_boundary_conditions(evaluate):
@@ -103,22 +99,20 @@ def test_trapezoid_is_as_fast_as_its_limits_allow(displacement, limits, evaluate
     position, velocity, acceleration = motion(
         block, np.linspace(0.0, 1.0 + block.duration, 201), evaluate
     )
-    assert_allclose(position[-1], delta, rtol=0, atol=ROUND_OFF)
+    assert_near(position[-1], delta, ROUND_OFF)
     assert np.abs(velocity).max() <= limits[0] * (1 + ROUND_OFF)
     assert np.abs(acceleration).max() <= limits[1] * (1 + ROUND_OFF)
     # The longest way is the slowest; alone it takes the least time two limits allow.
     way, (top, rate) = np.abs(delta).max(), limits
     least = way / top + top / rate if way > top**2 / rate else 2 * np.sqrt(way / rate)
     assert block.duration == pytest.approx(least)
-    assert_allclose(
-        np.outer(position[:, 0], delta), position * delta[0], rtol=0, atol=1e-10
-    )
+    assert_near(np.outer(position[:, 0], delta), position * delta[0], 1e-10)
 
 
 @pytest.mark.parametrize("stop", [True, False])
 def test_waypoints_are_passed_at_their_times(stop, evaluate):
     position, velocity, _ = motion(Waypoints(TIMES, POINTS, stop=stop), TIMES, evaluate)
-    assert_allclose(position, POINTS, rtol=0, atol=1e-10)
+    assert_near(position, POINTS, 1e-10)
     at_rest = np.abs(velocity).max(axis=1) < 1e-10
     assert at_rest.tolist() == ([True] * 4 if stop else [True, False, False, True])
 
@@ -140,7 +134,7 @@ def test_flowing_motion_is_smooth_with_the_least_jerk(evaluate):
             acceleration = motion(flowing, t + offsets, evaluate)[2]
             # a cubic on either side
             sides.append(np.polyfit(offsets, acceleration, 3)[1:])
-        assert_allclose(sides[0], sides[1], rtol=0, atol=1e-8)
+        assert_near(sides[0], sides[1], 1e-8)
 
 
 def test_two_waypoints_are_one_quintic(evaluate):
@@ -148,4 +142,4 @@ def test_two_waypoints_are_one_quintic(evaluate):
     quintic = motion(Quintic(2.0, 3.0, start=1.0), times, evaluate)
     for stop in (True, False):
         found = motion(Waypoints([0.0, 3.0], [1.0, 3.0], stop=stop), times, evaluate)
-        assert_allclose(found, quintic, rtol=0, atol=1e-10)
+        assert_near(found, quintic, 1e-10)

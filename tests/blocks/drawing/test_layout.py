@@ -3,6 +3,7 @@
 from itertools import combinations, pairwise
 from random import Random
 
+import campaign
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -141,7 +142,7 @@ GRAPHS = [
     (scattered(20), 2, 36),
     (scattered(40), 43, 102),
     (scattered(100, 1.3, 0.05), 43, 174),
-    pytest.param(scattered(200, 1.3, 0.05), 97, 310, marks=pytest.mark.campaign),
+    campaign.only(scattered(200, 1.3, 0.05), 97, 310),
 ]
 """Boxes and nets, and the crossings and bends in the picture of elkjs, a layout engine of many tools.
 

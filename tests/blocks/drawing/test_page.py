@@ -6,6 +6,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from trussflow.blocks import (
     Constant,
@@ -72,7 +73,7 @@ def test_chart_has_the_values_of_the_result(tmp_path, result):
     assert (time[0], time[-1]) == (0.0, 4.0)
     for name, signal in data["signals"].items():
         own = np.interp(time, result["time"], result[name])
-        np.testing.assert_allclose(signal["lines"][0], own, rtol=1e-5, atol=1e-9)
+        assert_allclose(signal["lines"][0], own, rtol=1e-5, atol=1e-9)
 
 
 def test_values_that_are_not_finite_are_omitted(tmp_path):

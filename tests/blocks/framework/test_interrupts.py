@@ -105,9 +105,7 @@ def test_ctrl_c_waits_for_what_must_not_be_left_half_way(outer):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-@pytest.mark.parametrize(
-    "number", [5, pytest.param(100 * campaign.SIZE, marks=pytest.mark.campaign)]
-)
+@pytest.mark.parametrize("number", [5, campaign.only(100 * campaign.SIZE)])
 @pytest.mark.parametrize("settings", [{"step": 1e-3}, {"solver": "Radau"}])
 def test_sessions_swallow_no_ctrl_c(settings, number, request):
     """In CasADi's interpreter, that is; one of three was swallowed, or became a SystemError.
@@ -237,10 +235,7 @@ JOB_DELAYS = [
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 @pytest.mark.parametrize(
     ("job", "delay"),
-    [
-        ("streamed", 0.2),
-        *(pytest.param(*case, marks=pytest.mark.campaign) for case in JOB_DELAYS),
-    ],
+    [("streamed", 0.2), *(campaign.only(*case) for case in JOB_DELAYS)],
 )
 def test_ctrl_c_ends_every_job_soon(job, delay):
     code = (

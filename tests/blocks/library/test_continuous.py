@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.linalg import expm
+from systems import assert_near
 
 from trussflow.blocks import (
     Diagram,
@@ -54,7 +55,7 @@ def test_state_space_follows_the_matrix_exponential(respond):
     whole = np.zeros((5, 5))
     whole[:3, :3], whole[:3, 3:] = A, B
     x = (expm(3.0 * whole) @ np.concatenate([x0, u]))[:3]
-    assert_allclose(result["block.y"][-1], C @ x + D @ u, rtol=0, atol=RK4)
+    assert_near(result["block.y"][-1], C @ x + D @ u, RK4)
 
 
 @pytest.mark.parametrize("inputs", ["scalar", "vector"])
@@ -70,9 +71,7 @@ def test_vectors_as_matrices_give_scalar_ports(inputs, outputs, respond):
     assert block.u.shape == np.shape(u)
     y = respond(block, 1.0, u=u)["block.y"][-1]
     reference = respond(StateSpace(A, B, C, D), 1.0, u=[0.3, 0.0])["block.y"][-1]
-    assert_allclose(
-        y, reference[0] if outputs == "scalar" else reference, rtol=0, atol=1e-14
-    )
+    assert_near(y, reference[0] if outputs == "scalar" else reference, 1e-14)
 
 
 def test_state_space_agrees_with_python_control(respond):
@@ -83,7 +82,7 @@ def test_state_space_agrees_with_python_control(respond):
     # forced_response interpolates its input linearly, so give it many points.
     fine = np.linspace(0.0, 5.0, 5001)
     response = control.forced_response(system, fine, np.sin(2 * np.pi * 0.3 * fine))
-    assert_allclose(result["block.y"].T, response.outputs[:, ::100], rtol=0, atol=1e-6)
+    assert_near(result["block.y"].T, response.outputs[:, ::100], 1e-6)
 
 
 @pytest.mark.parametrize(
@@ -100,9 +99,9 @@ def test_transfer_function_agrees_with_python_control(numerator, denominator, re
     result = respond(block, 4.0, {"log_step": 0.1}, u=1.0)
     system = control.tf(numerator, denominator)
     response = control.step_response(system, result["time"].values)
-    assert_allclose(result["block.y"], response.outputs, rtol=0, atol=RK4)
+    assert_near(result["block.y"], response.outputs, RK4)
     same = respond(from_control(system), 4.0, {"log_step": 0.1}, u=1.0)
-    assert_allclose(same["block.y"], result["block.y"], rtol=0, atol=1e-13)
+    assert_near(same["block.y"], result["block.y"], 1e-13)
 
 
 def test_discrete_systems_become_sampled_blocks():

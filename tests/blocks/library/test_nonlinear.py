@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_array_equal
+from systems import assert_near
 
 from trussflow.blocks import (
     DeadZone,
@@ -33,7 +34,7 @@ def test_saturation_clips_and_dead_zone_passes_the_rest(u, limits, evaluate):
     limited = evaluate(Saturation(*limits), u=u)["y"]
     assert_array_equal(limited, np.clip(u, limits[0], limits[1]))
     rest = evaluate(DeadZone(*limits), u=u)["y"]
-    assert_allclose(rest + limited, u, rtol=0, atol=1e-14)
+    assert_near(rest + limited, u, 1e-14)
 
 
 @pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
@@ -67,12 +68,12 @@ def test_rate_limiter_ramps_after_a_step(respond):
     # the sample at 0.5 moves already
     moving = np.maximum(np.linspace(0.0, 2.0, 21) - 0.4, 0.0)
     up, down = np.minimum(1.0 + 2.0 * moving, 2.0), np.maximum(2.0 - moving, 1.0)
-    assert_allclose(result["block.y"], np.stack([up, down], axis=1), rtol=0, atol=1e-12)
+    assert_near(result["block.y"], np.stack([up, down], axis=1), 1e-12)
 
 
 def test_rate_limiter_passes_slow_signals(respond):
     result = respond(RateLimiter(2 * np.pi, 0.01), 1.0, u=Sine(1.0, 1.0))
-    assert_allclose(result["block.y"], result["u_source.y"], rtol=0, atol=1e-12)
+    assert_near(result["block.y"], result["u_source.y"], 1e-12)
 
 
 @given(u=vectors, previous=st.integers(-30, 30), quantum=st.floats(0.01, 3.0))
@@ -80,7 +81,7 @@ def test_quantizer_errs_by_half_a_quantum(u, previous, quantum, evaluate):
     states = {"previous": previous * quantum}
     y = evaluate(Quantizer(quantum, 0.1), states=states, u=u)["y"]
     assert np.abs(y - u).max() <= quantum / 2 * (1 + 1e-12)
-    assert_allclose(y / quantum, np.rint(y / quantum), rtol=0, atol=1e-9)
+    assert_near(y / quantum, np.rint(y / quantum), 1e-9)
 
 
 def test_quantization_error_is_uniform(respond):
@@ -92,7 +93,7 @@ def test_quantization_error_is_uniform(respond):
     assert abs(error.mean()) < 4 * np.sqrt(1 / 12 / count)
     assert error.var() == pytest.approx(1 / 12, rel=0, abs=4 * np.sqrt(1 / 180 / count))
     counts, _ = np.histogram(error, 20, (-0.5, 0.5))
-    assert_allclose(counts, count / 20, rtol=0, atol=5 * np.sqrt(count / 20))
+    assert_near(counts, count / 20, 5 * np.sqrt(count / 20))
 
 
 def test_quantizer_has_hysteresis_and_a_smallest_value(respond):

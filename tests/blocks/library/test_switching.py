@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_array_equal
+from systems import assert_near
 
 from trussflow.blocks import (
     Backlash,
@@ -52,7 +53,7 @@ def test_relay_has_hysteresis(settings):
     """On where the sine rises through 0.5, t = 1/6, off where it falls through -0.5, t = 7/6; period 2 s."""
     d = integrated(Relay(0.5, -0.5, on=2.0, off=-1.0), u=Sine(1.0, 0.5))
     result = run(d, 2.0, settings)
-    assert_allclose(result["area.y"][-1], 2.0 - 1.0, rtol=0, atol=LOCATION_ERROR)
+    assert_near(result["area.y"][-1], 2.0 - 1.0, LOCATION_ERROR)
     assert_array_equal(result["block.y"][[0, 16, 17, 116, 117]], [-1, -1, 2, 2, -1])
 
 
@@ -80,7 +81,7 @@ def test_relay_oscillates_as_it_must(settings):
         ups < half, 1.2 * np.exp(-ups) - 1.0, 1.0 - 1.2 * np.exp(half - ups)
     )
     expected = np.where(t < first, 1.0 - np.exp(-t), expected)
-    assert_allclose(result["lag.y"], expected, rtol=0, atol=LOCATION_ERROR)
+    assert_near(result["lag.y"], expected, LOCATION_ERROR)
 
 
 @over_solvers
@@ -93,7 +94,7 @@ def test_switch_chooses_by_thresholds(settings):
     }
     d = integrated(Switch([-0.5, 0.5]), control=Sine(1.0, 0.5), **sources)
     area = run(d, 2.0, settings)["area.y"][-1]
-    assert_allclose(area, [4.0, 8.0], rtol=0, atol=LOCATION_ERROR)
+    assert_near(area, [4.0, 8.0], LOCATION_ERROR)
 
 
 @over_solvers
@@ -107,7 +108,7 @@ def test_pulses_are_exact(settings, start):
     area = np.outer(high - high[0], [3.0, 3.0]) + np.outer(
         result["time"] - start, [-1.0, 0.0]
     )
-    assert_allclose(result["area.y"], area, rtol=0, atol=LOCATION_ERROR)
+    assert_near(result["area.y"], area, LOCATION_ERROR)
 
 
 @over_solvers
@@ -123,7 +124,7 @@ def test_integral_between_limits(settings):
         np.minimum(-0.25 + np.sin(t) + 1.0, 0.5),
     )
     # interpolation of DOP853
-    assert_allclose(result["block.y"], expected, rtol=0, atol=1e-7)
+    assert_near(result["block.y"], expected, 1e-7)
 
 
 def test_integral_that_starts_beyond_a_limit(respond):
@@ -132,9 +133,7 @@ def test_integral_that_starts_beyond_a_limit(respond):
         1.0,
         u=Step(0.5, initial_value=1.0, final_value=-1.0),
     )
-    assert_allclose(
-        result["block.y"][[0, 50, 100]], [1.0, 1.0, 0.5], rtol=0, atol=LOCATION_ERROR
-    )
+    assert_near(result["block.y"][[0, 50, 100]], [1.0, 1.0, 0.5], LOCATION_ERROR)
 
 
 @over_solvers
@@ -146,7 +145,7 @@ def test_run_ends_where_a_signal_rises(settings, signal):
     assert result.attrs["status"] == "ended"
     assert result.attrs["ended"].startswith("'stop' ended the run at t = 0.63212055")
     assert result.attrs["ended"].endswith(" s blown up")
-    assert_allclose(result["time"][-1], 0.63, rtol=0, atol=LOCATION_ERROR)
+    assert_near(result["time"][-1], 0.63, LOCATION_ERROR)
 
 
 @over_solvers
@@ -166,16 +165,12 @@ def test_signal_at_its_threshold_at_the_start_leaves_it(settings):
         if isinstance(block, Switch):
             d.ground(block.u1)
             d.add(one=Constant(1.0)) >> block.u2
-        assert_allclose(
-            run(d, 1.0, settings)["area.y"][-1], 0.0, rtol=0, atol=LOCATION_ERROR
-        )
+        assert_near(run(d, 1.0, settings)["area.y"][-1], 0.0, LOCATION_ERROR)
     d = integrated(
         LimitedIntegrator(1.0, upper=1.0), u=TimeFunction(lambda t: t * (0.5 - t))
     )
     end = 1 - 1 / 12 - 1 / 48  # the integral of t^2 - t/2 from 1/2 to 1
-    assert_allclose(
-        run(d, 1.0, settings)["block.y"][-1], end, rtol=0, atol=LOCATION_ERROR
-    )
+    assert_near(run(d, 1.0, settings)["block.y"][-1], end, LOCATION_ERROR)
 
 
 def test_session_reports_the_end():
@@ -206,7 +201,5 @@ def test_time_functions():
     )
     d = integrated(source)
     result = simulate(d, 1.0, solver="DOP853")
-    assert_allclose(
-        result["area.y"][-1], [0.5, 1 - np.exp(-1.0), 0.45], rtol=0, atol=LOCATION_ERROR
-    )
+    assert_near(result["area.y"][-1], [0.5, 1 - np.exp(-1.0), 0.45], LOCATION_ERROR)
     assert source.breakpoints() == (0.55,)

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.interpolate import RegularGridInterpolator
+from systems import assert_near
 
 from trussflow.blocks import GridTable, Table, TimeTable
 from trussflow.blocks.errors import BlockError
@@ -24,7 +25,7 @@ tables = st.lists(
 def test_table_agrees_with_numpy(table, x, evaluate):
     points, values = table
     found = evaluate(Table(points, values), u=x)["y"]
-    assert_allclose(found, np.interp(x, points, values), rtol=0, atol=1e-10)
+    assert_near(found, np.interp(x, points, values), 1e-10)
 
 
 @given(table=tables)
@@ -33,7 +34,7 @@ def test_time_table_passes_its_points(table, evaluate):
     rows = np.stack([values, -values], axis=1)
     block = TimeTable(times, rows)
     found = [evaluate(block, t)["y"] for t in times]
-    assert_allclose(found, rows, rtol=0, atol=1e-10)
+    assert_near(found, rows, 1e-10)
     assert block.breakpoints() == tuple(times)
 
 
@@ -71,7 +72,7 @@ def test_grid_is_that_of_scipy(respond):
                 if extrapolate
                 else [np.clip(x, a[0], a[-1]) for x, a in zip(point, axes, strict=True)]
             )
-            assert_allclose(found, exact(inside)[0], rtol=0, atol=1e-12)
+            assert_near(found, exact(inside)[0], 1e-12)
 
 
 def test_units_of_a_grid_are_a_list():

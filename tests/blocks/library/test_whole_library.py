@@ -3,10 +3,10 @@
 import subprocess
 import sys
 
+import campaign
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
-from systems import ports
+from systems import assert_near, ports
 
 import trussflow.blocks as library
 from trussflow.blocks import (
@@ -212,7 +212,7 @@ def run(make, backend, **settings):
 def assert_equal_runs(result, reference):
     assert set(result) == set(reference)
     for name, values in reference.items():
-        assert_allclose(result[name], values, rtol=0, atol=1e-9, err_msg=str(name))
+        assert_near(result[name], values, 1e-9, err_msg=str(name))
         assert np.isfinite(values).all(), name
 
 
@@ -281,9 +281,7 @@ def test_every_block_of_the_library_passes(path):
 
 @pytest.mark.filterwarnings("ignore:.* jumps at t = ")
 @pytest.mark.parametrize("make", MAKERS)
-@pytest.mark.parametrize(
-    "backend", ["interpreted", pytest.param("compiled", marks=pytest.mark.campaign)]
-)
+@pytest.mark.parametrize("backend", ["interpreted", campaign.only("compiled")])
 def test_every_block_runs_in_a_group_or_is_refused_by_name(make, backend):
     """Each one in a group of its own, in the place of the block among the others."""
     diagram, spare = make(), make()

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from trussflow.blocks import (
     Diagram,
@@ -51,7 +52,7 @@ def test_a_family_begins_where_it_is_told_to():
     at = OperatingPoint(time=1.0, states={"x.integral": 0.25})
     family = linearize_over(decay(), "x.u", times=[1.0, 5.0], at=at, **SETTINGS)
     slopes = [model.A.item() for model in family.values]
-    np.testing.assert_allclose(slopes, [-0.5, -2 / 8], rtol=1e-8, atol=0)
+    assert_allclose(slopes, [-0.5, -2 / 8], rtol=1e-8, atol=0)
     alone = linearize_over(decay(), "x.u", at=at)
     assert alone.shape == ()
     assert alone.item().A.item() == pytest.approx(-0.5, rel=1e-12)

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from systems import ports
+from numpy.testing import assert_array_equal
+from systems import assert_near, ports
 
 from trussflow.blocks import (
     Block,
@@ -148,7 +149,7 @@ def test_two_rates_with_offsets_agree_with_the_simulation_of_a_period(offsets):
         simulated(diagram, 0.5, model),
         strict=True,
     ):
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+        assert_near(found, expected, 1e-9)
 
 
 @pytest.mark.parametrize(
@@ -158,8 +159,8 @@ def test_python_blocks_are_differentiated_and_the_model_says_how_well(offsets):
     diagram = two_rates(offsets, python=True)
     model = linearize(diagram)
     A, B, _, _ = simulated(diagram, 0.5, model)
-    np.testing.assert_allclose(model.A, A, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(model.B, B, rtol=0, atol=1e-9)
+    assert_near(model.A, A, 1e-9)
+    assert_near(model.B, B, 1e-9)
     assert set(model.derivatives) == {"ahead", "inner"}
     for said in model.derivatives.values():
         assert said.startswith("differences, relative error ")
@@ -192,7 +193,7 @@ def test_a_sampled_block_alone_is_its_own_model():
     for found, expected in zip(
         (model.A, model.B, model.C, model.D), matrices, strict=True
     ):
-        np.testing.assert_array_equal(found, expected)
+        assert_array_equal(found, expected)
     assert model.state_labels == ["DiscreteStateSpace/x[0]", "DiscreteStateSpace/x[1]"]
     assert model.dt == 0.1
 
@@ -205,9 +206,7 @@ def test_a_nonlinear_law_is_linearized_at_what_it_holds():
     )
     plant >> law >> plant
     model = linearize(diagram, "plant.u", "plant.y")
-    np.testing.assert_allclose(
-        model.A, [[1 + 0.5 * 3 * np.cos(1.2)]], rtol=0, atol=1e-14
-    )
+    assert_near(model.A, [[1 + 0.5 * 3 * np.cos(1.2)]], 1e-14)
     assert model.operating_point.held["law.y"] == pytest.approx(np.sin(1.2))
 
 
@@ -221,9 +220,7 @@ def test_unused_inputs_and_wires_do_not_spoil_the_model_but_used_ones_are_named(
     plant >> hold >> root.a
     root.y >> plant.u
     diagram.expose(b=root.b, y=plant.y)
-    np.testing.assert_allclose(
-        linearize(diagram, "plant.u").A, [[1.5]], rtol=0, atol=1e-14
-    )
+    assert_near(linearize(diagram, "plant.u").A, [[1.5]], 1e-14)
     with pytest.raises(
         LinearAnalysisError, match=r"no finite derivative by b at this point"
     ):

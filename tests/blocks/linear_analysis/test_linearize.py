@@ -6,8 +6,9 @@ from functools import partial
 import control
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import block_diag
-from systems import jacobian, ports
+from systems import assert_near, jacobian, ports
 
 from trussflow.blocks import (
     Block,
@@ -79,7 +80,7 @@ def test_jacobians_are_exact(time):
         partial(equations, time), np.array([0.7, -0.4, 1.3, 0.2, 2.0, 1.0])
     )
     found = np.block([[model.A, model.B], [model.C, model.D]])
-    np.testing.assert_allclose(found, exact, rtol=0, atol=ROUND_OFF)
+    assert_near(found, exact, ROUND_OFF)
 
 
 def test_names_units_and_the_point_come_with_the_model():
@@ -91,15 +92,13 @@ def test_names_units_and_the_point_come_with_the_model():
     assert model.output_labels == ["angle[0]", "angle[1]", "power"]
     assert model.state_labels == ["arm/q[0]", "arm/q[1]", "arm/v[0]", "arm/v[1]"]
     assert model.derivatives == {}
-    np.testing.assert_allclose(
-        model.operating_point.states["arm.q"], [0.7, -0.4], rtol=ROUND_OFF
-    )
-    np.testing.assert_allclose(
+    assert_allclose(model.operating_point.states["arm.q"], [0.7, -0.4], rtol=ROUND_OFF)
+    assert_allclose(
         model.operating_point.outputs["angle"],
         1.5 * np.sin([0.7, -0.4]),
         rtol=ROUND_OFF,
     )
-    np.testing.assert_allclose(
+    assert_allclose(
         model.operating_point.outputs["power"], 2 * 1.3 + 0.2, rtol=ROUND_OFF
     )
 
@@ -111,7 +110,7 @@ def test_a_single_block_is_linearized_as_it_is():
     )
     model = linearize(Arm(), at=at)
     for name in "ABCD":
-        np.testing.assert_array_equal(getattr(model, name), getattr(diagram, name))
+        assert_array_equal(getattr(model, name), getattr(diagram, name))
     assert model.input_labels == ["u[0]", "u[1]"]
 
 
@@ -124,8 +123,8 @@ def test_slices_select_rows_and_columns_in_their_order(index, where):
         diagram, [where + index], [eval(f"diagram.arm.q_out{index}")], at=POINT
     )
     chosen = np.atleast_1d(eval(f"np.arange(2){index}"))
-    np.testing.assert_array_equal(model.B, whole.B[:, chosen])
-    np.testing.assert_array_equal(model.C, whole.C[:2][chosen])
+    assert_array_equal(model.B, whole.B[:, chosen])
+    assert_array_equal(model.C, whole.C[:2][chosen])
     label = where.replace(".", "/")
     assert model.input_labels == [f"{label}[{i}]" for i in chosen]
     assert model.output_labels == [f"arm/q_out[{i}]" for i in chosen]
@@ -137,9 +136,7 @@ def test_parameters_of_the_point_count_and_a_linearizer_serves_many_points():
         model = linearizer.at(OperatingPoint(parameters={"arm.length": length}))
         assert model.A[2, 0] == pytest.approx(-np.cos(0.1) / length, abs=ROUND_OFF)
         assert model.operating_point.parameters == {"arm.length": length}
-    np.testing.assert_array_equal(
-        linearizer.at().operating_point.states["arm.q"], [0.1, 0.1]
-    )
+    assert_array_equal(linearizer.at().operating_point.states["arm.q"], [0.1, 0.1])
 
 
 def test_directions_differentiate_exactly_what_has_no_simple_form():
@@ -154,7 +151,7 @@ def test_directions_differentiate_exactly_what_has_no_simple_form():
         at=OperatingPoint(inputs={"x": [0.2, -0.5], "y": [1.0, 0.3]}),
     )
     exact = jacobian(lambda z: law(z[:2], z[2:]), np.array([0.2, -0.5, 1.0, 0.3]))
-    np.testing.assert_allclose(model.D, exact, rtol=1e-13)
+    assert_allclose(model.D, exact, rtol=1e-13)
 
 
 # -- what makes no sense -------------------------------------------------------------------------
@@ -281,7 +278,5 @@ def test_modal_table_of_two_springs(period):
     )
     assert [mode.damping_ratio for mode in found.modes] == pytest.approx([-0.01, 0.02])
     shares = [list(mode.shares.values()) for mode in found.modes]
-    np.testing.assert_allclose(
-        shares, [[0.0, 1.0], [0.36, 0.64]], rtol=1e-9, atol=1e-15
-    )
+    assert_allclose(shares, [[0.0, 1.0], [0.36, 0.64]], rtol=1e-9, atol=1e-15)
     assert "mode 2  3.183 Hz   2.000%         u[1] 64%, u[0] 36%" in repr(found)

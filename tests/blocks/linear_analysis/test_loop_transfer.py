@@ -8,6 +8,7 @@ import control
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.optimize import minimize_scalar
 from systems import ports
 
@@ -86,7 +87,7 @@ def test_one_of_two_wires_is_broken_while_the_other_stays_closed():
         rate_loop = s**2 + (0.2 + KD) * s + 4
         assert model(s) == pytest.approx(KP / rate_loop, rel=1e-12)
     part = loop_transfer(spring_loop(), "plant.y[0]")
-    np.testing.assert_allclose(part(3j), model(3j), rtol=1e-12)
+    assert_allclose(part(3j), model(3j), rtol=1e-12)
 
 
 def test_breaking_both_channels_gives_the_matrix_whose_determinant_closes_the_loop():
@@ -95,7 +96,7 @@ def test_breaking_both_channels_gives_the_matrix_whose_determinant_closes_the_lo
     closed = np.linalg.eigvals(
         model.A - model.B @ np.linalg.inv(np.eye(2) + model.D) @ model.C
     )
-    np.testing.assert_allclose(np.poly(closed), [1, 0.2 + KD, 4 + KP], rtol=1e-12)
+    assert_allclose(np.poly(closed), [1, 0.2 + KD, 4 + KP], rtol=1e-12)
     for s in (0.3j, 2j):
         matrix = np.eye(2) + model(s)
         assert np.linalg.det(matrix) == pytest.approx(1 + gain_of(s), rel=1e-12)
@@ -329,9 +330,7 @@ def test_margins_of_several_channels_need_slycot():
         loop_margins(spring_loop(), "plant.y")
 
 
-@pytest.mark.parametrize(
-    "loops", [5, pytest.param(60 * campaign.SIZE, marks=pytest.mark.campaign)]
-)
+@pytest.mark.parametrize("loops", [5, campaign.only(60 * campaign.SIZE)])
 def test_disk_margins_are_never_above_a_scan(loops):
     rng = np.random.default_rng(campaign.SEED)
     while loops:
@@ -415,7 +414,7 @@ def test_actuators_that_do_the_same_work_have_margins_of_their_own():
     found = [
         (m.gain_down, m.gain_up) for m in loop_margins(loop, "law.y").channels.values()
     ]
-    np.testing.assert_allclose(
+    assert_allclose(
         found, [((1 / 9 - 0.05) / 0.95, np.inf), (0.0, np.inf)], rtol=1e-4, atol=1e-9
     )
 

@@ -5,6 +5,8 @@ from unittest.mock import patch
 import control
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
+from systems import assert_near
 
 from trussflow.blocks import (
     Diagram,
@@ -43,12 +45,12 @@ def test_each_curve_is_the_loop_of_one_mode_with_the_other_closed():
     for k, line in enumerate(upper.lines[:2]):
         one = loop_transfer(diagram, f"plant.u[{k}]")
         gain = one(1j * OMEGA)
-        np.testing.assert_allclose(
+        assert_allclose(
             line.get_ydata(), 20.0 * np.log10(abs(gain)), rtol=1e-9, atol=1e-9
         )
-        np.testing.assert_allclose(line.get_xdata(), OMEGA / (2.0 * np.pi), rtol=1e-12)
+        assert_allclose(line.get_xdata(), OMEGA / (2.0 * np.pi), rtol=1e-12)
         turns = np.exp(1j * np.radians(lower.lines[k].get_ydata()))
-        np.testing.assert_allclose(turns, gain / abs(gain), rtol=0.0, atol=1e-9)
+        assert_near(turns, gain / abs(gain), 1e-9)
         text = f"plant/u[{k}]: drives mode {k + 1}, {FREQUENCIES[k]:.3g} Hz, ζ = 1.00%; margins"
         numbers = (
             f"{20.0 * np.log10(margins[k].gain_up):.1f} dB, {margins[k].phase:.0f}°"
@@ -91,7 +93,7 @@ def test_a_given_loop_is_used_and_no_multi_loop_margin_is_searched():
     with pytest.raises(LinearAnalysisError, match=r"'plant\.y' is an output; name"):
         modal_bode(diagram, "plant.y")
     decibels = figure.axes[0].lines[0].get_ydata()
-    np.testing.assert_allclose(
+    assert_allclose(
         decibels, 20.0 * np.log10(abs(given(1j * OMEGA)[0, 0])), rtol=1e-9, atol=1e-9
     )
 

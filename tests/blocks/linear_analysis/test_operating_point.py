@@ -4,6 +4,7 @@ import inspect
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from systems import ports
 
 from trussflow import blocks
@@ -58,19 +59,13 @@ def test_a_diagram_is_linearized_where_a_simulation_has_come_to():
     closed = Diagram()
     closed.add(inner=oscillator(), source=Constant([0.4]))
     closed.source >> closed.inner.f
-    run = simulate(closed, 1.1, step=0.01, progress=False)
-    np.testing.assert_allclose(
-        at.states["plant.x"], run["inner.plant.y"].values[-1], rtol=1e-12
-    )
+    run = simulate(closed, 1.1, step=0.01)
+    assert_allclose(at.states["plant.x"], run["inner.plant.y"].values[-1], rtol=1e-12)
     whole = linearize(oscillator(), at=at)
-    np.testing.assert_array_equal(
-        whole.operating_point.states["plant.x"], at.states["plant.x"]
-    )
+    assert_array_equal(whole.operating_point.states["plant.x"], at.states["plant.x"])
     flow = np.array([[0.0, 1.0], [-1 - 3 * at.states["plant.x"][0] ** 2, -0.1]])
     poles = np.exp(0.25 * np.linalg.eigvals(flow))
-    np.testing.assert_allclose(
-        np.sort(np.abs(whole.poles()))[-2:], np.abs(poles), rtol=1e-12
-    )
+    assert_allclose(np.sort(np.abs(whole.poles()))[-2:], np.abs(poles), rtol=1e-12)
 
 
 def test_a_session_says_where_it_is_with_the_parameters_that_were_changed():
@@ -83,7 +78,7 @@ def test_a_session_says_where_it_is_with_the_parameters_that_were_changed():
         session.advance(0.5)
         later = OperatingPoint.of(session)
     assert first.time == 0.0
-    np.testing.assert_array_equal(first.states["plant.x"], [2.0, 0.0])
+    assert_array_equal(first.states["plant.x"], [2.0, 0.0])
     assert first.held["hold.y"] == [0.0]  # nothing was sampled yet
     assert later.held["hold.y"] == [1.0]
     assert list(later.parameters) == ["plant.initial_value"]
@@ -96,9 +91,7 @@ def test_a_run_goes_on_from_a_point():
     half = operating_point_after(oscillator(), 0.5, step=0.01)
     rest = operating_point_after(oscillator(), 0.5, at=half, step=0.01)
     assert rest.time == there.time == 1.0
-    np.testing.assert_allclose(
-        rest.states["plant.x"], there.states["plant.x"], rtol=1e-13
-    )
+    assert_allclose(rest.states["plant.x"], there.states["plant.x"], rtol=1e-13)
 
 
 class Clocked(Block):
@@ -137,8 +130,8 @@ def test_initial_states_from_inputs_see_the_inputs_of_the_point():
     at = OperatingPoint(inputs={"u": 2.0})
     model = linearize(Starting(), at=at)
     assert model.operating_point.states["Starting.s"] == pytest.approx(np.log(2.0))
-    np.testing.assert_allclose(model.A, [[-1.0]], rtol=ROUND_OFF)
-    np.testing.assert_allclose(model.B, [[0.5]], rtol=ROUND_OFF)
+    assert_allclose(model.A, [[-1.0]], rtol=ROUND_OFF)
+    assert_allclose(model.B, [[0.5]], rtol=ROUND_OFF)
     with pytest.raises(
         ParameterError, match=r"initial value of 'Starting.s' is not finite"
     ):
@@ -148,7 +141,7 @@ def test_initial_states_from_inputs_see_the_inputs_of_the_point():
     two, block = diagram.add(two=Constant(2.0), block=Starting())
     two >> block
     cut = linearize(diagram, "block.u", "block.y", cut="block.u")
-    np.testing.assert_allclose([cut.A, cut.B], [[[-1.0]], [[0.5]]], rtol=ROUND_OFF)
+    assert_allclose([cut.A, cut.B], [[[-1.0]], [[0.5]]], rtol=ROUND_OFF)
 
 
 def test_held_outputs_follow_from_the_states_unless_the_point_has_them():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from systems import ports
+from systems import assert_near, ports
 
 from trussflow.blocks import (
     Block,
@@ -110,7 +110,7 @@ def test_models_are_those_of_the_traced_block(kind, sampled, python):
         [[model.A[order][:, order], model.B[order]], [model.C[:, order], model.D]]
     )
     expected = np.block([[exact.A, exact.B], [exact.C, exact.D]])
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+    assert_near(found, expected, 1e-9)
     said = {model.derivatives[name] for name in ("first", "second")}
     assert (
         said == {"its own"}
@@ -138,8 +138,8 @@ def test_a_point_of_rest_is_found(sampled):
     )
     assert found.residual <= 1e-9
     for name, value in exact.states.items():
-        np.testing.assert_allclose(found.states[name], value, rtol=0, atol=1e-7)
-    np.testing.assert_allclose(found.held["second.y"], [0.35], rtol=0, atol=1e-8)
+        assert_near(found.states[name], value, 1e-7)
+    assert_near(found.held["second.y"], [0.35], 1e-8)
 
 
 @pytest.mark.parametrize("kind", [Swing, Knowing])
@@ -155,4 +155,4 @@ def test_the_equations_of_trim_have_exact_derivatives(kind):
         ]
         columns = [(up - down) / 2e-5 for up, down in ends]
         jacobian = problem._jacobian(local, z)
-    np.testing.assert_allclose(jacobian, np.stack(columns, axis=1), rtol=0, atol=1e-8)
+    assert_near(jacobian, np.stack(columns, axis=1), 1e-8)

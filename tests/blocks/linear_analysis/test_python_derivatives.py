@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from systems import HiddenSum, ports
+from numpy.testing import assert_array_equal
+from systems import HiddenSum, assert_near, ports
 
 from trussflow.blocks import (
     Block,
@@ -65,15 +66,8 @@ def test_a_block_that_knows_its_derivatives_is_asked_for_them():
     assert model.derivatives == {"block": "its own"}
     assert set(block.calls) == {"output", "update"}
     assert model.state_labels == ["source/integral[0]", "source/integral[1]", "block/z"]
-    np.testing.assert_allclose(
-        model.A,
-        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, -4.0, 1.0]],
-        rtol=0,
-        atol=1e-14,
-    )
-    np.testing.assert_allclose(
-        model.C, [[1.5, 0.0, 2.5], [0.0, 1.5, -10.0]], rtol=0, atol=1e-14
-    )
+    assert_near(model.A, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, -4.0, 1.0]], 1e-14)
+    assert_near(model.C, [[1.5, 0.0, 2.5], [0.0, 1.5, -10.0]], 1e-14)
 
 
 def test_steps_and_kinks_are_refused_rather_than_guessed():
@@ -161,7 +155,7 @@ def test_an_output_without_inputs_and_states_has_no_derivatives():
         def directional_derivative(self, kind, t, x, u, p, dx, du):
             return {"y": np.zeros(2)}
 
-    np.testing.assert_array_equal(
+    assert_array_equal(
         linearize(alone(Fixed().sampled(0.1))).C[:, :2], np.zeros((2, 2))
     )
 
@@ -184,7 +178,7 @@ def test_blocks_with_hidden_states_need_their_own_derivatives():
     ):
         trim(hidden)
     model = linearize(alone(HiddenSumWithSlopes(2).sampled(0.1)))
-    np.testing.assert_array_equal(model.C, 2 * np.eye(2))
+    assert_array_equal(model.C, 2 * np.eye(2))
     assert model.derivatives == {"block": "its own"}
 
 
@@ -203,5 +197,5 @@ def test_python_blocks_without_outputs_do_not_matter():
     source >> look
     diagram.expose(u=source.u, y=source.y)
     model = linearize(diagram)
-    np.testing.assert_allclose(model.A, np.eye(2), rtol=0, atol=1e-15)
+    assert_near(model.A, np.eye(2), 1e-15)
     assert model.derivatives == {}

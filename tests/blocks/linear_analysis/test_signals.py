@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from systems import ports
 
 from trussflow.blocks import (
@@ -36,24 +37,24 @@ def two_readers():
 def test_an_input_at_an_output_reaches_all_that_read_it_and_one_at_an_input_only_that():
     diagram = two_readers()
     both = linearize(diagram, "source.y", ["y", "z"])
-    np.testing.assert_array_equal(both.D, [[3, 0], [0, 3], [0, 5]])
-    np.testing.assert_array_equal(both.C, [[3, 0], [0, 3], [0, 5]])
+    assert_array_equal(both.D, [[3, 0], [0, 3], [0, 5]])
+    assert_array_equal(both.C, [[3, 0], [0, 3], [0, 5]])
     alone = linearize(diagram, "first.u", ["y", "z"])
-    np.testing.assert_array_equal(alone.D, [[3, 0], [0, 3], [0, 0]])
+    assert_array_equal(alone.D, [[3, 0], [0, 3], [0, 0]])
     source = linearize(diagram, "source.y", ["source.y", "first.u"])
-    np.testing.assert_array_equal(source.D, [[0, 0], [0, 0], [1, 0], [0, 1]])
+    assert_array_equal(source.D, [[0, 0], [0, 0], [1, 0], [0, 1]])
 
 
 def test_a_cut_output_no_longer_reaches_any_reader():
     diagram = two_readers()
     model = linearize(diagram, "source.y[1]", ["y", "z"], cut="source.y[1]")
-    np.testing.assert_array_equal(model.D, [[0], [3], [5]])
-    np.testing.assert_array_equal(model.C, [[3, 0], [0, 0], [0, 0]])
+    assert_array_equal(model.D, [[0], [3], [5]])
+    assert_array_equal(model.C, [[3, 0], [0, 0], [0, 0]])
     frozen = linearize(diagram, "u", ["y", "z"], cut="source.y")
     assert not frozen.C.any()
     assert not frozen.D.any()
     one_wire = linearize(diagram, "source.y", ["y", "z"], cut="first.u")
-    np.testing.assert_array_equal(one_wire.D, [[0, 0], [0, 0], [0, 5]])
+    assert_array_equal(one_wire.D, [[0, 0], [0, 0], [0, 5]])
 
 
 def test_a_cut_wire_keeps_the_value_it_has_at_the_point():
@@ -69,11 +70,9 @@ def test_a_cut_wire_keeps_the_value_it_has_at_the_point():
     diagram.expose(u=rate.u, y=product.y)
     wires = [product.u1, product.u2]
     cut = linearize(diagram, wires, "y", cut=wires)
-    np.testing.assert_array_equal(cut.D, [[3.0, 14.0]])
+    assert_array_equal(cut.D, [[3.0, 14.0]])
     assert not cut.C.any()
-    np.testing.assert_array_equal(
-        linearize(diagram, "u", "y", cut="gain.y").C, [[14.0]]
-    )
+    assert_array_equal(linearize(diagram, "u", "y", cut="gain.y").C, [[14.0]])
 
 
 def test_what_arrives_at_a_cut_input_can_be_read_there():
@@ -81,8 +80,8 @@ def test_what_arrives_at_a_cut_input_can_be_read_there():
     model = linearize(
         diagram, ["first.u[0]", "source.y[1]"], "first.u[0]", cut="first.u[0]"
     )
-    np.testing.assert_array_equal(model.C, [[1, 0]])
-    np.testing.assert_array_equal(model.D, [[0, 0]])
+    assert_array_equal(model.C, [[1, 0]])
+    assert_array_equal(model.D, [[0, 0]])
 
 
 def nested():
@@ -105,20 +104,16 @@ def test_ports_of_nested_diagrams_stand_for_all_blocks_behind_them(where, cut):
     model = linearize(
         nested(), f"{where}[1]", ["y[1]", "z[1]"], cut=f"{where}[1]" if cut else ()
     )
-    np.testing.assert_array_equal(model.D, [[12], [10]])
-    np.testing.assert_array_equal(
-        model.C, [[0, 0 if cut else 12], [0, 0 if cut else 10]]
-    )
+    assert_array_equal(model.D, [[12], [10]])
+    assert_array_equal(model.C, [[0, 0 if cut else 12], [0, 0 if cut else 10]])
     assert model.input_labels == [f"{where.replace('.', '/')}[1]"]
     one = linearize(nested(), "middle.inner.h.u", ["y", "middle.inner.h.y"])
-    np.testing.assert_array_equal(
-        one.D, np.vstack([np.zeros((2, 2)), np.diag([1, 10])])
-    )
+    assert_array_equal(one.D, np.vstack([np.zeros((2, 2)), np.diag([1, 10])]))
 
 
 def test_one_signal_under_two_names_is_one_signal():
     model = linearize(nested(), "middle.u", "y", cut="middle.inner.u")
-    np.testing.assert_array_equal(model.D, np.diag([6, 12]))
+    assert_array_equal(model.D, np.diag([6, 12]))
     assert not model.C.any()
 
 
@@ -139,13 +134,13 @@ def test_inputs_with_defaults_keep_them_where_they_are_not_cut():
     source >> block.a
     diagram.expose(u=source.u, y=block.y)
     added = linearize(diagram, ["source.y", "block.b"], "y")
-    np.testing.assert_array_equal(added.D, [[3, 0, 1, 0], [0, 3, 0, 2]])
+    assert_array_equal(added.D, [[3, 0, 1, 0], [0, 3, 0, 2]])
     part = linearize(diagram, ["source.y", "block.b[0]"], "y", cut="block.b[0]")
-    np.testing.assert_array_equal(part.D, [[3, 0, 1], [0, 3, 0]])
+    assert_array_equal(part.D, [[3, 0, 1], [0, 3, 0]])
     whole = linearize(diagram, ["source.y", "block.b"], "y", cut="block.b")
-    np.testing.assert_array_equal(whole.D, added.D)
+    assert_array_equal(whole.D, added.D)
     alone = linearize(WithDefault(), at=OperatingPoint(inputs={"a": [1.0, 2.0]}))
-    np.testing.assert_array_equal(alone.D, added.D)
+    assert_array_equal(alone.D, added.D)
 
 
 def test_grounded_inputs_can_be_driven_too():
@@ -155,7 +150,7 @@ def test_grounded_inputs_can_be_driven_too():
     diagram.add(c=Constant([1.0])) >> gain.u[1:2]
     diagram.expose(y=gain.y)
     for cut in ((), "gain.u"):
-        np.testing.assert_array_equal(
+        assert_array_equal(
             linearize(diagram, "gain.u", "y", cut=cut).D, np.diag([2.0, 5.0])
         )
 
@@ -172,7 +167,7 @@ def test_a_state_without_influence_stays_but_unused_inputs_may_have_no_derivativ
     lonely.expose(u=lonely.i.u, v=lonely.g.u, y=lonely.g.y)
     model = linearize(lonely)
     assert model.state_labels == ["i/integral"]
-    np.testing.assert_array_equal(model.D, [[0, 2]])
+    assert_array_equal(model.D, [[0, 2]])
 
 
 def test_a_state_without_derivative_is_named():

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from systems import ports
+from numpy.testing import assert_allclose
+from systems import assert_near, ports
 
 from trussflow.blocks import (
     Diagram,
@@ -62,7 +63,7 @@ def test_the_slope_of_a_cubic(x):
     slope = 1.0 / (1.0 + 3.0 * solved(x) ** 2)
     found = np.block([[model.A, model.B], [model.C, model.D]])
     exact = [[-slope, 1.0, -slope], [slope, 0.0, slope]]
-    np.testing.assert_allclose(found, exact, rtol=ROUND_OFF, atol=0)
+    assert_allclose(found, exact, rtol=ROUND_OFF, atol=0)
 
 
 def test_a_loop_that_is_cut_is_none():
@@ -72,7 +73,7 @@ def test_a_loop_that_is_cut_is_none():
     y = solved(2.0)
     point = OperatingPoint(inputs={"v": 0.0, "w": 0.0})
     found = loop_transfer(diagram, diagram.bent.back, at=point)
-    np.testing.assert_allclose(found.D, [[3.0 * y * y]], rtol=ROUND_OFF, atol=0)
+    assert_allclose(found.D, [[3.0 * y * y]], rtol=ROUND_OFF, atol=0)
 
 
 def test_trim_solves_loops_on_its_way():
@@ -83,9 +84,9 @@ def test_trim_solves_loops_on_its_way():
         inputs={"v": Free(), "w": 0.0},
         states={"state.integral": Free(1.5)},
     )
-    np.testing.assert_allclose(point.states["state.integral"], 2.0, rtol=0, atol=1e-10)
-    np.testing.assert_allclose(point.inputs["v"], 1.0, rtol=0, atol=1e-10)
-    np.testing.assert_allclose(point.loops["bent.y"], 1.0, rtol=0, atol=1e-10)
+    assert_near(point.states["state.integral"], 2.0, 1e-10)
+    assert_near(point.inputs["v"], 1.0, 1e-10)
+    assert_near(point.loops["bent.y"], 1.0, 1e-10)
 
 
 def roots():
@@ -107,10 +108,8 @@ def roots():
 def test_a_point_says_which_solution_is_meant(sign):
     start = OperatingPoint(loops={"root.y": sign}, inputs={"v": 1.0})
     end = operating_point_after(roots(), 3.0, step=0.1, at=start)
-    np.testing.assert_allclose(end.loops["root.y"], 2.0 * sign, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(
-        linearize(roots(), at=end).C, [[sign / 4.0]], rtol=0, atol=ROUND_OFF
-    )
+    assert_near(end.loops["root.y"], 2.0 * sign, 1e-13)
+    assert_near(linearize(roots(), at=end).C, [[sign / 4.0]], ROUND_OFF)
     with pytest.raises(
         NameLookupError,
         match=r"no loop signal 'root\.u'; the loop signals are: root\.y",
@@ -135,7 +134,7 @@ def test_a_saturation_in_a_loop(x, slope):
     state, limit = diagram.add(state=Integrator(x), limit=Saturation(-1.0, 1.0))
     (state.y - 3.0 * limit.y) >> limit.u
     diagram.expose(v=state.u, y=limit.y)
-    np.testing.assert_allclose(linearize(diagram).C, [[slope]], rtol=0, atol=ROUND_OFF)
+    assert_near(linearize(diagram).C, [[slope]], ROUND_OFF)
 
 
 def test_a_sampled_loop():
@@ -151,7 +150,7 @@ def test_a_sampled_loop():
     slope = 3.0 * solved(1.0) ** 2
     grown = np.exp(0.1)
     exact = grown - (grown - 1.0) * slope / (1.0 + slope)
-    np.testing.assert_allclose(model.A, [[exact]], rtol=0, atol=ROUND_OFF)
+    assert_near(model.A, [[exact]], ROUND_OFF)
 
 
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 5))
@@ -182,7 +181,7 @@ def test_any_loop(seed, n):
     for _ in range(500):
         y = v + np.sin(matrix * y).sum(axis=1)
     exact = np.linalg.inv(np.eye(n) - matrix * np.cos(matrix * y))
-    np.testing.assert_allclose(model.D, exact, rtol=0, atol=1e-12)
+    assert_near(model.D, exact, 1e-12)
 
 
 def test_what_is_stepped_inside_an_estimator_has_no_iterations():

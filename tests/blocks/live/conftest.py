@@ -78,7 +78,7 @@ def unfused(monkeypatch):
     compiler.find_compiler.cache_clear()
 
     def run(diagram, duration, **settings):
-        result = simulate(diagram, duration, progress=False, **settings)
+        result = simulate(diagram, duration, **settings)
         columns = [
             np.reshape(result[name].values, (result.sizes["time"], -1))
             for name in settings["log"]

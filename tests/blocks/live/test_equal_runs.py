@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from random_diagrams import build
-from systems import Ball, Counter
+from systems import Ball, Counter, assert_near
 
 from trussflow.blocks import (
     Block,
@@ -144,7 +144,7 @@ def test_runs_are_equal_bit_by_bit(make, window, unfused, tmp_path):
             change = {"wind.standard_deviation": [1.0, value, 2.0]}
         expected = unfused(diagram, 9.5, step=0.01, log=log, parameters=change)
         for one, other in zip(window.rows(), expected, strict=True):
-            assert_allclose(one, other, rtol=0.0, atol=limit)
+            assert_near(one, other, limit)
     assert not window.complaints
     assert not window.trouble()
 

@@ -9,7 +9,7 @@ import zlib
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from systems import Ball, Counter, Lag, Oscillator, PythonBall, approach
+from systems import Ball, Counter, Lag, Oscillator, PythonBall, approach, assert_near
 
 from trussflow.blocks import (
     PID,
@@ -138,9 +138,9 @@ def test_a_moved_slider_changes_the_charts(pid_page, window):
     duration = ast.literal_eval(call.value.args[1])
     (value,) = settings["parameters"].values()
     assert value == pytest.approx(12.0 * 4.0**0.8, rel=1e-3)
-    result = simulate(pid(), duration, progress=False, **settings)
+    result = simulate(pid(), duration, **settings)
     found = np.column_stack([result["position"], result["torque"]])
-    np.testing.assert_allclose(after, found, rtol=0.0, atol=1e-11)
+    assert_near(after, found, 1e-11)
     # The table compares with the kept run, until it is forgotten.
     assert "(" in window.page.locator("#metrics").inner_text()
     window.page.locator("#keep").click()
@@ -289,7 +289,7 @@ def test_panels_follow_the_cursor(window, tmp_path):
     window.wait(f"JSON.parse({last})[0] === 2.5")
     _, signals = json.loads(window.page.evaluate(last))
     assert "no WebGL" in window.page.locator(".panel").first.inner_text()
-    found = simulate(diagram, 5.0, step=0.01, progress=False).sel(time=2.5)
+    found = simulate(diagram, 5.0, step=0.01).sel(time=2.5)
     assert signals["plant.y"] == pytest.approx([float(found["plant.y"])], rel=1e-12)
     assert signals["law.y"] == pytest.approx([float(found["law.y"])], rel=1e-12)
 

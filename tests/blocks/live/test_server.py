@@ -12,6 +12,8 @@ from contextlib import closing, contextmanager
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
+from systems import assert_near
 
 from trussflow.blocks import (
     Block,
@@ -94,8 +96,8 @@ def test_rows_are_those_of_a_simulation(middle):
         p = server.session.prepared.plan.parameters(None)
         rows, fault = run(server, p, 1.0)
     assert fault == ""
-    np.testing.assert_array_equal(rows[:, 0], expected["time"])
-    np.testing.assert_array_equal(rows[:, 1], expected["y"])
+    assert_array_equal(rows[:, 0], expected["time"])
+    assert_array_equal(rows[:, 1], expected["y"])
 
 
 def test_two_pages_have_runs_of_their_own():
@@ -109,7 +111,7 @@ def test_two_pages_have_runs_of_their_own():
         }
     for gain, future in found.items():
         time, y = future.result()[0].T
-        np.testing.assert_allclose(y, 1 - np.exp(-gain * time), rtol=0, atol=1e-6)
+        assert_near(y, 1 - np.exp(-gain * time), 1e-6)
 
 
 def test_a_paced_run_takes_new_values_while_it_goes_on():
@@ -128,9 +130,7 @@ def test_a_paced_run_takes_new_values_while_it_goes_on():
     still = np.flatnonzero(rows[:, 1] > 0.0)[0] - 1
     time_since = rows[still:, 0] - rows[still, 0]
     assert rows[still, 0] > 0.1
-    np.testing.assert_allclose(
-        rows[still:, 1], 1 - np.exp(-3.0 * time_since), rtol=0, atol=1e-6
-    )
+    assert_near(rows[still:, 1], 1 - np.exp(-3.0 * time_since), 1e-6)
 
 
 @pytest.mark.parametrize("pace", [None, 1.0])
@@ -226,17 +226,13 @@ def test_a_served_page_follows_a_slider_during_a_paced_run(window):
         first = 1 - 0.98 ** np.arange(len(place))
         changed = np.flatnonzero(np.abs(place - first) > 1e-9)[0] - 1
         since = np.arange(len(place) - changed)
-        np.testing.assert_allclose(
-            place[changed:], 3 - (3 - place[changed]) * 0.98**since, rtol=0, atol=1e-9
-        )
+        assert_near(place[changed:], 3 - (3 - place[changed]) * 0.98**since, 1e-9)
         assert 0.5 < time[changed] < 15.0
         # A link that is opened begins a run of its own.
         window.open(server.address, "goal.value=2")
         window.wait("trussflowLive.run.time.length > 50")
         place = window.rows()[1][:, 0]
-        np.testing.assert_allclose(
-            place, 2 - 2 * 0.98 ** np.arange(len(place)), rtol=0, atol=1e-9
-        )
+        assert_near(place, 2 - 2 * 0.98 ** np.arange(len(place)), 1e-9)
         # Another duration begins another run.
         window.page.locator("#duration").fill("0.5")
         window.page.locator("#duration").dispatch_event("change")

@@ -130,14 +130,7 @@ def watched(running, *times):
 # -- sessions ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "time",
-    [
-        0.6371,
-        pytest.param(0.0, marks=pytest.mark.campaign),
-        pytest.param(0.3, marks=pytest.mark.campaign),
-    ],
-)
+@pytest.mark.parametrize("time", [0.6371, campaign.only(0.0), campaign.only(0.3)])
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_another_session_goes_on_from_a_file_bit_for_bit(solver, time, tmp_path):
     file, times = tmp_path / "half.state", [0.9, 0.9003, 1.1]
@@ -164,9 +157,7 @@ print(*(y.hex() for y in watched(running, 2.0, 3.0)))
 """
 
 
-@pytest.mark.parametrize(
-    "solver", ["rk4", pytest.param("DOP853", marks=pytest.mark.campaign)]
-)
+@pytest.mark.parametrize("solver", ["rk4", campaign.only("DOP853")])
 def test_another_process_goes_on_bit_for_bit(solver, tmp_path):
     running = session(solver)
     watched(running, 1.01)
@@ -307,9 +298,7 @@ def small_pieces(monkeypatch):
     monkeypatch.setattr(log, "BUFFER_ROWS", 7)
 
 
-@pytest.mark.parametrize(
-    "solver", ["rk4", "RK45", pytest.param("LSODA", marks=pytest.mark.campaign)]
-)
+@pytest.mark.parametrize("solver", ["rk4", "RK45", campaign.only("LSODA")])
 def test_checkpoints_change_no_rows(solver, tmp_path):
     """Not a bit of fixed steps; adaptive solvers start afresh there, and stay within their tolerance."""
     running = simulator(solver)
@@ -344,8 +333,8 @@ for seconds in sys.stdin:
     ("solver", "kills"),
     [
         ("rk4", 1),
-        pytest.param("rk4", 5 * campaign.SIZE, marks=pytest.mark.campaign),
-        pytest.param("RK45", 5 * campaign.SIZE, marks=pytest.mark.campaign),
+        campaign.only("rk4", 5 * campaign.SIZE),
+        campaign.only("RK45", 5 * campaign.SIZE),
     ],
 )
 def test_a_run_killed_at_any_instant_goes_on_bit_for_bit(solver, kills, tmp_path):
@@ -402,9 +391,7 @@ def stop(monkeypatch):
     return stop
 
 
-@pytest.mark.parametrize(
-    "solver", ["RK45", pytest.param("rk4", marks=pytest.mark.campaign)]
-)
+@pytest.mark.parametrize("solver", ["RK45", campaign.only("rk4")])
 def test_a_time_limit_and_errors_leave_a_run_that_can_be_resumed(
     solver, stop, tmp_path
 ):

@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from trussflow.blocks import Diagram, Integrator, Session, StateSpace, Step, simulate
 from trussflow.blocks.errors import SimulationWarning
@@ -26,7 +27,7 @@ def test_a_step_is_the_one_of_its_formula(solver, backend):
     )
     x = np.array([1.0, 2.0])
     for values in found["plant.y"].values:
-        np.testing.assert_allclose(values, x, rtol=1e-12)
+        assert_allclose(values, x, rtol=1e-12)
         x = FIXED_STEP[solver](lambda _, x: A @ x, (0.0, h / 2, h), h, x)
 
 

@@ -1,5 +1,6 @@
 """Runs side by side, one in each lane of vectors: to the bit what each is alone, whatever the others do."""
 
+import campaign
 import numpy as np
 import pytest
 from scipy import stats
@@ -232,10 +233,7 @@ def test_a_run_that_diverges_disturbs_no_other(monkeypatch):
     assert set(everyone["status"].values) == {"diverged"}
 
 
-@pytest.mark.parametrize(
-    "executor",
-    ["serial", "threads", pytest.param("processes", marks=pytest.mark.campaign)],
-)
+@pytest.mark.parametrize("executor", ["serial", "threads", campaign.only("processes")])
 def test_a_sweep_is_the_same_in_lanes(monkeypatch, executor):
     used = []
 

@@ -5,7 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal, assert_equal
-from systems import HiddenSum, Lag, Time
+from systems import HiddenSum, Lag, Time, assert_near
 
 from trussflow.blocks import (
     Block,
@@ -129,12 +129,7 @@ def test_the_length_of_the_pieces_does_not_matter(solver):
                 session.advance(time)
             assert session.time == 1.2
             ends.append(session.outputs["angle"])
-    assert_allclose(
-        ends[1:],
-        ends[:1] * 2,
-        rtol=0,
-        atol=ADAPTIVE_TOLERANCE if solver != "rk4" else 0,
-    )
+    assert_near(ends[1:], ends[:1] * 2, ADAPTIVE_TOLERANCE if solver != "rk4" else 0)
 
 
 @pytest.mark.parametrize("solver", ["rk4", "LSODA"])
@@ -172,8 +167,8 @@ def test_points_off_the_grid_cost_no_accuracy_and_move_no_instant(backend):
             session.advance(1.0)
             ends.append(session.outputs["angle"])
             torques.append(session.outputs["torque"])
-    assert_allclose(ends[1], ends[0], rtol=0, atol=1e-6)
-    assert_allclose(torques[1], torques[0], rtol=0, atol=1e-6)
+    assert_near(ends[1], ends[0], 1e-6)
+    assert_near(torques[1], torques[0], 1e-6)
 
 
 def test_adaptive_session_follows_the_exact_solution():
@@ -193,12 +188,8 @@ def test_outputs_follow_inputs_at_once():
         before = session.outputs
         session.set(goal=[1.0, 0.0])
         after = session.outputs
-        assert_allclose(
-            after["torque"] - before["torque"], [2.0, 0.0], rtol=0, atol=ROUND_OFF
-        )
-        assert_allclose(
-            after["load"] - before["load"], [2.0, 0.0], rtol=0, atol=ROUND_OFF
-        )
+        assert_near(after["torque"] - before["torque"], [2.0, 0.0], ROUND_OFF)
+        assert_near(after["load"] - before["load"], [2.0, 0.0], ROUND_OFF)
         session.advance(STEP)  # between two samples of the law: it holds
         session.set(goal=[5.0, 5.0])
         assert_array_equal(session.outputs["torque"], after["torque"])

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
-from systems import Ball, ports
+from systems import Ball, assert_near, ports
 
 from trussflow.blocks import (
     Block,
@@ -87,10 +87,8 @@ def test_a_gain_around_a_sum(backend):
     x, y = values(
         diagram, "state.y", "half.y", backend=backend, step=0.01, log_step=0.1
     )
-    assert_allclose(
-        x, 1.0 - np.exp(-np.linspace(0.0, 1.0, 11) / 1.5), rtol=0, atol=1e-11
-    )
-    assert_allclose(y, -(1.0 - x) / 3.0, rtol=0, atol=ROUND_OFF)
+    assert_near(x, 1.0 - np.exp(-np.linspace(0.0, 1.0, 11) / 1.5), 1e-11)
+    assert_near(y, -(1.0 - x) / 3.0, ROUND_OFF)
 
 
 @pytest.mark.parametrize(
@@ -107,10 +105,10 @@ def test_a_cubic(backend, solver):
         rtol=1e-9,
         log_step=0.1,
     )
-    assert_allclose(y + y**3, x, rtol=0, atol=ROUND_OFF)
+    assert_near(y + y**3, x, ROUND_OFF)
     # dt = -(1 + 3 y^2) dy / y
     passed = -np.log(y / y[0]) - 1.5 * (y**2 - y[0] ** 2)
-    assert_allclose(passed, np.linspace(0.0, 1.0, 11), rtol=0, atol=3e-6)
+    assert_near(passed, np.linspace(0.0, 1.0, 11), 3e-6)
 
 
 def test_a_vector_of_many_signals(backend):
@@ -124,12 +122,7 @@ def test_a_vector_of_many_signals(backend):
     )
     law.z >> law.y
     z = values(diagram, "law.z", backend=backend, duration=0.1)[0, -1] / units
-    assert_allclose(
-        z,
-        np.linalg.solve(np.eye(12) + matrix, units) / units,
-        rtol=0,
-        atol=1e4 * ROUND_OFF,
-    )
+    assert_near(z, np.linalg.solve(np.eye(12) + matrix, units) / units, 1e4 * ROUND_OFF)
 
 
 def test_a_saturation_in_the_loop(backend):
@@ -141,7 +134,7 @@ def test_a_saturation_in_the_loop(backend):
     (u.y - 3.0 * limit.y) >> limit.u
     limit.y >> clock.u
     u, y = values(diagram, "u.y", "limit.y", backend=backend, duration=7.0)
-    assert_allclose(y, np.clip(u / 4.0, -1.0, 1.0), rtol=0, atol=ROUND_OFF)
+    assert_near(y, np.clip(u / 4.0, -1.0, 1.0), ROUND_OFF)
     assert np.ptp(y) == 2.0
 
 
@@ -167,9 +160,7 @@ def test_a_switch_in_the_loop(backend, solver):
         log_step=0.3,
     )
     t = np.linspace(0.0, 3.0, 11)
-    assert_allclose(
-        x, np.where(t < 2.0, t / 2, 1.0 + (t - 2.0) / 4), rtol=0, atol=1e-12
-    )
+    assert_near(x, np.where(t < 2.0, t / 2, 1.0 + (t - 2.0) / 4), 1e-12)
 
 
 def test_a_sampled_loop(backend):
@@ -182,7 +173,7 @@ def test_a_sampled_loop(backend):
     total >> bent.u
     total >> state.u
     x, y = values(diagram, "state.y", "bent.y", backend=backend)
-    assert_allclose(y[::2] + (x + y)[::2] ** 3, 0.0, rtol=0, atol=ROUND_OFF)
+    assert_near(y[::2] + (x + y)[::2] ** 3, 0.0, ROUND_OFF)
     assert_array_equal(y[1::2], y[:-1:2])
 
 
@@ -200,7 +191,7 @@ def test_a_loop_within_one_rate_beside_others(backend):
     a >> b
     (y,) = values(diagram, "a.y", backend=backend, duration=1.2)
     held = np.array([0, 0, 0, 0, 0.3, 0.3, 0.6, 0.6, 0.6, 0.6, 0.9, 0.9, 1.2])
-    assert_allclose(y, 0.5 * held / 0.75, rtol=0, atol=ROUND_OFF)
+    assert_near(y, 0.5 * held / 0.75, ROUND_OFF)
 
 
 @pytest.mark.parametrize("solver", ["rk4", "RK45"])
@@ -240,9 +231,7 @@ def test_a_solution_is_followed_far_from_the_first_start(backend, solver):
         diagram = circle(moving, Ramp(20.0))
         diagram.add(ball=Ball())  # whose events stand beside the solutions in memory
         (y,) = values(diagram, "law.y", solver=solver, backend=backend, **settings)
-        assert_allclose(
-            y, 20.0 * np.linspace(0.0, 1.0, 11), rtol=0, atol=20 * ROUND_OFF
-        )
+        assert_near(y, 20.0 * np.linspace(0.0, 1.0, 11), 20 * ROUND_OFF)
 
 
 def test_sessions_go_on_to_the_bit():
@@ -285,9 +274,7 @@ def test_no_solution_is_an_error_that_says_where_and_when(backend, solver):
             log_step=0.1,
         )
     result = caught.value.result
-    assert_allclose(
-        result["law.y"] ** 2, 1.0 - result["state.y"], rtol=0, atol=ROUND_OFF
-    )
+    assert_near(result["law.y"] ** 2, 1.0 - result["state.y"], ROUND_OFF)
 
 
 def ring(gain):
@@ -342,7 +329,7 @@ def test_loops_through_python_blocks_settle_at_zero():
     diagram.add(law=law, x=Constant(1.0))
     diagram.x >> law.x
     law.z >> law.y
-    assert_allclose(values(diagram, "law.z"), 0.0, rtol=0, atol=ROUND_OFF)
+    assert_near(values(diagram, "law.z"), 0.0, ROUND_OFF)
 
 
 def test_loops_through_python_blocks_without_a_single_solution():
@@ -366,9 +353,7 @@ def test_loops_through_continuous_python_blocks(gain):
         ):
             values(diagram, "law.y")
     else:
-        assert_allclose(
-            values(diagram, "law.y"), gain / (1.0 - gain), rtol=0, atol=ROUND_OFF
-        )
+        assert_near(values(diagram, "law.y"), gain / (1.0 - gain), ROUND_OFF)
     object.__setattr__(diagram, "loop_policy", "refuse")
     with pytest.raises(
         AlgebraicLoopError, match=r"let it be solved: Diagram\(\.\.\., loops="
@@ -398,8 +383,8 @@ def test_python_blocks_behind_a_loop_are_not_iterated_with_it():
         diagram.law.y
         >> diagram.add(behind=python(Function, lambda u: calls.append(u) or u)).u
     )
-    assert_allclose(values(diagram, "behind.y"), 1.0, rtol=0, atol=ROUND_OFF)
-    assert_allclose(calls[-3:], 1.0, rtol=0, atol=ROUND_OFF)
+    assert_near(values(diagram, "behind.y"), 1.0, ROUND_OFF)
+    assert_near(calls[-3:], 1.0, ROUND_OFF)
 
 
 def test_a_start_that_is_finite_finds_a_solution(backend):
@@ -418,7 +403,7 @@ def test_loops_are_refused_unless_their_diagram_says_so():
     outer = Diagram("outer")
     outer.add(inner=inner)
     outer.ground(inner.u)
-    assert_allclose(values(outer, "inner.gain.y"), 2.0, rtol=0, atol=ROUND_OFF)
+    assert_near(values(outer, "inner.gain.y"), 2.0, ROUND_OFF)
     outer.disconnect(inner.u)
     inner.back >> outer.add(outside=Gain(0.5)) >> inner.u
     with pytest.raises(
@@ -526,11 +511,8 @@ def test_any_wires_between_any_blocks(seed, n, density, bent):
     inner = pure * (found / units)
     computed = constants / units + (np.sin(inner) if bent else inner).sum(axis=1)
     # Elimination in units that it does not know loses some digits of twelve apart.
-    assert_allclose(computed, found / units, rtol=0, atol=1e-9)
+    assert_near(computed, found / units, 1e-9)
     if not bent:
-        assert_allclose(
-            found / units,
-            np.linalg.solve(np.eye(n) - pure, constants / units),
-            rtol=0,
-            atol=1e-9,
+        assert_near(
+            found / units, np.linalg.solve(np.eye(n) - pure, constants / units), 1e-9
         )

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from numpy.testing import assert_allclose
+from systems import assert_near
 
 from trussflow.blocks import Diagram, Integrator, Simulator, Sine, recover, save
 from trussflow.blocks.errors import SimulationError, SimulationInterrupted
@@ -137,9 +138,7 @@ def interrupted(place, name, number, monkeypatch):
 
 
 @pytest.mark.usefixtures("small_pieces")
-@pytest.mark.parametrize(
-    "number", [4, *(pytest.param(n, marks=pytest.mark.campaign) for n in range(1, 12))]
-)
+@pytest.mark.parametrize("number", [4, *map(campaign.only, range(1, 12))])
 @pytest.mark.parametrize(
     ("place", "name"),
     [
@@ -351,10 +350,7 @@ KILL_TIMES = np.random.default_rng(11 + campaign.SEED).uniform(
 
 
 @pytest.mark.skipif(os.name != "posix", reason="kill -9")
-@pytest.mark.parametrize(
-    "delay",
-    [0.2, *(pytest.param(time, marks=pytest.mark.campaign) for time in KILL_TIMES)],
-)
+@pytest.mark.parametrize("delay", [0.2, *map(campaign.only, KILL_TIMES)])
 def test_written_rows_survive_a_kill(delay, simulator, tmp_path):
     path, folder = tmp_path / "run.nc", tmp_path / "run.nc.partial"
     here = Path(__file__).parent
@@ -372,6 +368,6 @@ def test_written_rows_survive_a_kill(delay, simulator, tmp_path):
     assert rows.sizes["time"] >= before * 4_000 // 6
     assert_allclose(rows.time, np.arange(rows.sizes["time"]) * STEP, rtol=1e-12)
     expected = simulator.run(float(rows.time[-1]))
-    assert_allclose(rows["integral.y"], expected["integral.y"], rtol=0, atol=1e-9)
+    assert_near(rows["integral.y"], expected["integral.y"], 1e-9)
     simulator.run(0.1, stream_to=path).close()  # the next run works, and leaves nothing
     assert [p.name for p in tmp_path.iterdir()] == ["run.nc"]

@@ -265,14 +265,7 @@ WRONG_SETTINGS = {
     ],
 )
 def test_distributions_that_are_complete_without_parameters(distribution):
-    runs = sweep(
-        decay(),
-        0.1,
-        step=0.1,
-        vary={"back.gain": distribution},
-        samples=3,
-        progress=False,
-    )
+    runs = sweep(decay(), 0.1, step=0.1, vary={"back.gain": distribution}, samples=3)
     assert np.all((runs["back.gain"] >= 1.0) & (runs["back.gain"] <= 3.0))
 
 
@@ -280,9 +273,7 @@ def test_more_lists_than_an_array_has_axes():
     values = {f"values.value[{k}]": [float(k)] for k in range(70)}
     diagram = Diagram("many")
     diagram.add(values=Constant(np.zeros(70)))
-    runs = sweep(
-        diagram, 0.1, step=0.1, vary=values, keep=lambda _: 0.0, progress=False
-    )
+    runs = sweep(diagram, 0.1, step=0.1, vary=values, keep=lambda _: 0.0)
     assert float(runs["values.value[69]"][0]) == 69.0
 
 

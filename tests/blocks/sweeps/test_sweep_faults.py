@@ -70,14 +70,7 @@ def gain(run):
 
 @pytest.mark.skipif(os.name != "posix", reason="kill -9")
 @pytest.mark.parametrize(
-    "number",
-    [
-        0,
-        *(
-            pytest.param(1 + k, marks=pytest.mark.campaign)
-            for k in range(10 * campaign.SIZE)
-        ),
-    ],
+    "number", [0, *(campaign.only(1 + k) for k in range(10 * campaign.SIZE))]
 )
 def test_a_sweep_that_is_killed_goes_on_where_it_was(number, tmp_path):
     finished, done = (
@@ -334,7 +327,7 @@ def test_no_order_of_failures_ends_a_sweep(failure, order):
         return end(run)
 
     gains = [-1.0, -2.0, -3.0]
-    found = swept(gains, keep, workers=1, time_limit=1.0, progress=False)
+    found = swept(gains, keep, workers=1, time_limit=1.0)
     expected = [
         FAILURES[failure] if each in ORDERS[order] else "complete" for each in gains
     ]

@@ -87,14 +87,7 @@ if os.name != "nt" and os.geteuid() == 0:  # only the superuser can give files a
 
 
 @pytest.mark.parametrize(
-    "seed",
-    [
-        *range(6),
-        *(
-            pytest.param(6 + k, marks=pytest.mark.campaign)
-            for k in range(100 * campaign.SIZE)
-        ),
-    ],
+    "seed", [*range(6), *(campaign.only(6 + k) for k in range(100 * campaign.SIZE))]
 )
 def test_cached_files_that_are_damaged_or_not_ours_are_made_anew(seed, cache):
     """Damage the library; afterwards the cache is used again."""

@@ -4,7 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from systems import assert_near
 
 from trussflow.blocks.errors import SimulationWarning
 from trussflow.blocks.framework.block import Block
@@ -95,9 +95,7 @@ def test_solution_equals_numpy_from_the_lower_triangle_alone(backend):
         expected[f"solver{number}.y"] = name, np.linalg.solve(m, b)
     found = simulate(diagram, 1.0, step=1.0, backend=backend)
     for signal, (name, solution) in expected.items():
-        assert_allclose(
-            found[signal][0], solution, rtol=0, atol=ROUND_OFF, err_msg=name
-        )
+        assert_near(found[signal][0], solution, ROUND_OFF, err_msg=name)
 
 
 @pytest.mark.parametrize("side", ["matrix", "vector"])
@@ -108,11 +106,10 @@ def test_only_one_side_may_be_traced(side):
     with tracing() as trace:
         found = solve_positive_definite(*(values | {side: traced}).values())
     program = lower("f", [to_expression(traced)], to_expression(found), trace)
-    assert_allclose(
+    assert_near(
         program.function(values[side].ravel()).full().ravel(),
         np.linalg.solve(m, b),
-        rtol=0,
-        atol=ROUND_OFF,
+        ROUND_OFF,
     )
 
 
@@ -134,7 +131,7 @@ def test_traced_code_solves_what_is_indefinite_and_does_not_hide_what_is_singula
         return simulator.run(1.0, parameters={"solver.m": matrix})["solver.y"].values[0]
 
     m[border, border] *= -1.0  # the first block fails to be positive definite
-    assert_allclose(solution(m), np.linalg.solve(m, b), rtol=0, atol=ROUND_OFF)
+    assert_near(solution(m), np.linalg.solve(m, b), ROUND_OFF)
     m[border : border + 2, :] = m[:, border : border + 2] = 0.0
     with pytest.warns(
         SimulationWarning, match="'solver.y' stopped being finite at t = 0 s"

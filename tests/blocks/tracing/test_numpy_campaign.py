@@ -337,9 +337,7 @@ def traced(node):
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize(
-    "number", [150, pytest.param(2000 * campaign.SIZE, marks=pytest.mark.campaign)]
-)
+@pytest.mark.parametrize("number", [150, campaign.only(2000 * campaign.SIZE)])
 def test_random_compositions_agree_or_are_refused(number):
     rng = np.random.default_rng(campaign.SEED)
     counts = Counter()

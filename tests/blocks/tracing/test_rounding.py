@@ -26,14 +26,7 @@ SHOWN = {
 }
 
 seeds = pytest.mark.parametrize(
-    "seed",
-    [
-        0,
-        *(
-            pytest.param(k, marks=pytest.mark.campaign)
-            for k in campaign.SEED + np.arange(1, 10 * campaign.SIZE)
-        ),
-    ],
+    "seed", [0, *map(campaign.only, campaign.SEED + np.arange(1, 10 * campaign.SIZE))]
 )
 
 
@@ -56,7 +49,7 @@ def test_difference_from_a_block_that_shows_its_input_is_zero(block, backend, se
     shown = diagram.add(shown=SHOWN[block](limits))
     product >> shown
     log = [product.y - shown.y, product.y, shown.y]
-    result = simulate(diagram, 2.0, step=STEP, backend=backend, log=log, progress=False)
+    result = simulate(diagram, 2.0, step=STEP, backend=backend, log=log)
     error, product, shown = (result[port.path].values for port in log)
     assert np.sum(product == shown) > 60 * CHANNEL_COUNT
     assert not error[product == shown].any()
@@ -68,9 +61,7 @@ def test_zone_of_a_product_is_dead(backend, seed):
     diagram, product, limits = products(seed)
     zone = diagram.add(zone=DeadZone(-2.0 * limits, 2.0 * limits))
     product >> zone
-    assert not simulate(diagram, 2.0, step=STEP, backend=backend, progress=False)[
-        "zone.y"
-    ].any()
+    assert not simulate(diagram, 2.0, step=STEP, backend=backend)["zone.y"].any()
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -82,6 +73,4 @@ def test_product_used_twice_in_an_equation_is_rounded_once(backend):
     diagram = Diagram("excess")
     source, law = diagram.add(source=Sine(1.0, 3.0), law=Function(excess))
     source >> law
-    assert not simulate(diagram, 2.0, step=STEP, backend=backend, progress=False)[
-        "law.y"
-    ].any()
+    assert not simulate(diagram, 2.0, step=STEP, backend=backend)["law.y"].any()

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 
+import campaign
 import pytest
 
 LOOP_SCRIPT = """
@@ -77,11 +78,7 @@ simulate(allocation, 2.0, step=0.1, backend="compiled", progress=False)
     ("code", "printed"),
     [
         (LOOP_SCRIPT, "clean"),
-        pytest.param(
-            LOOP_SCRIPT + OTHER_SCRIPT,
-            "diverged diverged diverged clean",
-            marks=pytest.mark.campaign,
-        ),
+        campaign.only(LOOP_SCRIPT + OTHER_SCRIPT, "diverged diverged diverged clean"),
     ],
     ids=["short", "long"],
 )

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from systems import assert_near
 
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Parameter, State
@@ -106,6 +106,4 @@ def test_filled_in_equals_numpy(wiring, fits, backend, monkeypatch):
     expected = simulate(build(wiring), 1.0, step=0.1, backend="numpy")
     assert (np.abs(expected["block.solution"]).max() > 0.1) == (wiring != "zeros")
     for name in expected:
-        assert_allclose(
-            found[name], expected[name], rtol=0, atol=ROUND_OFF, err_msg=str(name)
-        )
+        assert_near(found[name], expected[name], ROUND_OFF, err_msg=str(name))

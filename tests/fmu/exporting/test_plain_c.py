@@ -4,8 +4,10 @@ import ctypes
 import subprocess
 import sys
 
+import campaign
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from systems import ports
 
 from trussflow.blocks import (
@@ -136,9 +138,7 @@ def test_the_plant_with_its_kernels(tmp_path):
     check_equal(plant, {"force": np.zeros(truss.actuation.size)}, tmp_path, steps=20)
 
 
-@pytest.mark.parametrize(
-    "optimized", ["-O3", pytest.param("-O0", marks=pytest.mark.campaign)]
-)
+@pytest.mark.parametrize("optimized", ["-O3", campaign.only("-O0")])
 def test_no_warnings_from_clang(optimized, systems, tmp_path):
     pytest.importorskip("ziglang")
     for i, item in enumerate((systems.hybrid(), systems.Rotor())):
@@ -170,9 +170,7 @@ def test_the_header_suits_c_plus_plus_and_two_exports_one_program(systems, tmp_p
         )
     subprocess.run(["c++", *objects, "-o", str(program), "-lm"], check=True)
     out = subprocess.run([program], capture_output=True, text=True, check=True).stdout
-    np.testing.assert_allclose(
-        [float(v) for v in out.split()], [1e-3, 2.5e-3], rtol=1e-15
-    )
+    assert_allclose([float(v) for v in out.split()], [1e-3, 2.5e-3], rtol=1e-15)
 
 
 def test_nothing_is_allocated(systems, tmp_path):

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from systems import Ball, ports
+from systems import Ball, assert_near, ports
 
 from trussflow.blocks import (
     Block,
@@ -182,9 +182,7 @@ class Case:
                 float(found["y"].sel(time=t, method="nearest")) for t in self.exact
             ]
         tolerance = TOLERANCES.get(solver, self.tolerance)
-        np.testing.assert_allclose(
-            found, list(self.exact.values()), rtol=0, atol=tolerance
-        )
+        assert_near(found, list(self.exact.values()), tolerance)
 
     def run(self, solver, diagram=None, **options):
         """Simulate it, or the `diagram` that holds it as an FMU, and check the logged y."""

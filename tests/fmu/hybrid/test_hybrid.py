@@ -3,10 +3,12 @@
 import subprocess
 from pathlib import Path
 
+import campaign
 import numpy as np
 import pytest
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
+from numpy.testing import assert_array_equal
 
 from trussflow.blocks import (
     Diagram,
@@ -31,7 +33,7 @@ solvers = pytest.mark.parametrize(
         ("rk4", "numpy"),
         ("rk4", "compiled"),
         ("RK45", "compiled"),
-        pytest.param("RK45", "numpy", marks=pytest.mark.campaign),
+        campaign.only("RK45", "numpy"),
     ],
 )
 
@@ -162,10 +164,10 @@ def test_linear_models_keep_modes(cases):
     slider = type(cases["stick and slip"].build().mass)()
     slides = linearize(slider)
     assert list(slides.state_labels) == ["Slider/q", "Slider/v"]
-    np.testing.assert_array_equal(slides.A, [[0.0, 1.0], [0.0, 0.0]])
-    np.testing.assert_array_equal(slides.B, [[0.0], [1.0]])
+    assert_array_equal(slides.A, [[0.0, 1.0], [0.0, 0.0]])
+    assert_array_equal(slides.B, [[0.0], [1.0]])
     sticks = linearize(slider, at=OperatingPoint(states={"Slider.stuck": 1.0}))
-    np.testing.assert_array_equal(sticks.B, np.zeros((2, 1)))
+    assert_array_equal(sticks.B, np.zeros((2, 1)))
     states = {"ball.bounces": -1.0, "ball.v": 0.0, "ball.z": Free()}
     point = trim(cases["bouncing ball"].build(), outputs={"y": 2.0}, states=states)
     assert point.states["ball.z"] == pytest.approx(2.0, abs=1e-12)
@@ -208,9 +210,7 @@ def test_events_without_end(endless, solver, backend):
     with pytest.raises(
         SimulationError, match=rf"events without end at t = {t} s: .* bring it to rest"
     ):
-        simulate(
-            build(), 2.0, solver=solver, backend=backend, progress=False, step=2**-5
-        )
+        simulate(build(), 2.0, solver=solver, backend=backend, step=2**-5)
 
 
 def test_the_page_names_every_case(cases):

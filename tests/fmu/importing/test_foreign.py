@@ -10,7 +10,7 @@ import casadi as ca
 import fmpy
 import numpy as np
 import pytest
-from systems import Oscillator
+from systems import Oscillator, assert_near
 
 from trussflow.blocks import Constant, Diagram, Sine, linearize, simulate
 from trussflow.fmu import Fmu
@@ -50,15 +50,11 @@ def test_casadi_model_exchange_equals_the_block_in_process(casadi_fmu, solver):
     plant = Fmu(casadi_fmu, parameters={"damping": 0.4})
     theirs = run(plant, solver, initial={"plant.q_state": 0.2})
     ours = run(Oscillator(damping=0.4, start=0.2), solver)
-    np.testing.assert_allclose(
-        theirs["plant.q"], ours["plant.y"][:, 0], rtol=0, atol=ROUND_OFF
-    )
+    assert_near(theirs["plant.q"], ours["plant.y"][:, 0], ROUND_OFF)
     assert theirs["plant.q"].attrs["units"] == "m"
     model = linearize(plant)
     assert set(model.derivatives.values()) == {"its own"}
-    np.testing.assert_allclose(
-        model.A, [[0.0, 1.0], [-4.0, -0.4]], rtol=0, atol=ROUND_OFF
-    )
+    assert_near(model.A, [[0.0, 1.0], [-4.0, -0.4]], ROUND_OFF)
 
 
 def built(folder, text, name):
@@ -105,9 +101,7 @@ def test_a_table_by_pythonfmu(tmp_path):
     result = simulate(diagram, 3.0, step=0.1)
     t = result["time"].values
     expected = np.interp(t, times, times**2)
-    np.testing.assert_allclose(
-        result["table.parabola"].values, expected, rtol=0, atol=1e-9
-    )
+    assert_near(result["table.parabola"].values, expected, 1e-9)
     assert result["table.end_time"][-1] == 5.0
     assert result["table.num_rows"][-1] == len(times)
 
@@ -159,7 +153,7 @@ def test_arrays_by_pythonfmu3(tmp_path):
     result = simulate(diagram, 1.0, step=0.01)
     goal, begin = np.array([1.0, -1.0, 4.0]), np.array([0.0, 1.0, 2.0])
     expected = goal + (begin - goal) * math.exp(-3.0)
-    np.testing.assert_allclose(result["lag.y"][-1].values, expected, rtol=0, atol=1e-12)
+    assert_near(result["lag.y"][-1].values, expected, 1e-12)
 
 
 DECAY = """

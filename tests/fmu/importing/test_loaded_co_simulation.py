@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from trussflow.blocks.support.temporary_folders import process_folder
 from trussflow.fmu import Fmu, FmuBinaryError, FmuCallError, FmuError
@@ -50,11 +51,11 @@ def test_a_state_is_saved_and_restored(loaded, version):
     for _ in range(2):
         slave.restore_state(state)
         slave.do_step(0.4, 0.6)
-        np.testing.assert_array_equal(slave.get_outputs(), expected)
+        assert_array_equal(slave.get_outputs(), expected)
     slave.free_state(state)
     other.state_from_bytes(content)
     other.do_step(0.4, 0.6)
-    np.testing.assert_array_equal(other.get_outputs(), expected)
+    assert_array_equal(other.get_outputs(), expected)
 
 
 def test_inputs_of_events_are_set_again_after_a_state_is_restored(loaded):
@@ -205,7 +206,7 @@ def test_an_instance_in_a_child_process_does_the_same(make_fmu, version):
                 ]
             )
     for ours, theirs in zip(*found, strict=True):
-        np.testing.assert_array_equal(ours, theirs)
+        assert_array_equal(ours, theirs)
     assert found[0][1] == [-0.25 + 1 + 2]
     with pytest.raises(FmuError, match="has ended; set it up again"):
         model.setup()

@@ -172,7 +172,7 @@ def used(path, runs):
         for port in block.inputs():
             diagram.ground(port)
     if runs and path.suffix != ".ssp":
-        simulate(diagram, 0.3, step=0.1, backend="interpreted", progress=False)
+        simulate(diagram, 0.3, step=0.1, backend="interpreted")
 
 
 def descriptors():

@@ -6,6 +6,8 @@ import campaign
 import numpy as np
 import pytest
 from fmpy import simulate_fmu
+from numpy.testing import assert_allclose, assert_array_equal
+from systems import assert_near
 
 from trussflow.blocks import (
     Constant,
@@ -50,7 +52,7 @@ def test_model_exchange_equals_the_block(exported, systems, version, solver):
         driven(plant, 1.0, 1e-2, **settings)
         for plant in (systems.Oscillator(3), Fmu(path, kind="me"))
     )
-    np.testing.assert_allclose(theirs, ours, rtol=0, atol=ROUND_OFF)
+    assert_near(theirs, ours, ROUND_OFF)
 
 
 @versions
@@ -62,7 +64,7 @@ def test_ports_come_back_as_they_were(exported, systems, version):
         assert theirs.ports[name].unit == port.unit
     assert theirs.feedthrough() == {"position": (), "angle": (), "total": ()}
     for name, value in ours.parameters.items():
-        np.testing.assert_array_equal(theirs.parameters[name], value)
+        assert_array_equal(theirs.parameters[name], value)
     direct = Fmu(exported(systems.Rotor(), version), kind="cs", step=1e-3)
     assert direct.feedthrough() == {"axes": ("torque",)}
 
@@ -89,10 +91,8 @@ RNG = np.random.default_rng(campaign.SEED)
     [
         (10, 4, 0, 0.04),
         *(
-            pytest.param(
-                *RNG.integers((5, 1, 0), (30, 5, 9)),
-                RNG.integers(1, 90) / 1e3,
-                marks=pytest.mark.campaign,
+            campaign.only(
+                *RNG.integers((5, 1, 0), (30, 5, 9)), RNG.integers(1, 90) / 1e3
             )
             for _ in range(20 * campaign.SIZE)
         ),
@@ -114,13 +114,13 @@ def test_events_on_sample_instants(version, period, high, late, sample, tmp_path
         found = simulate(diagram, end, step=sample, log={"y": hold.y}, backend=backend)[
             "y"
         ]
-        np.testing.assert_array_equal(found, expected, err_msg=backend)
+        assert_array_equal(found, expected, err_msg=backend)
     path = export(diagram, tmp_path / "edges.fmu", version=version, step=sample)
     for kind, name in (("cs", "CoSimulation"), ("me", "ModelExchange")):
         importer = Diagram("importer")
         importer.add(f=Fmu(path, kind=kind))
         ours = simulate(importer, end, step=sample)["f.y"]
-        np.testing.assert_array_equal(ours, expected, err_msg=kind)
+        assert_array_equal(ours, expected, err_msg=kind)
         for early in {version == "3.0" and kind == "cs", False}:
             rows = simulate_fmu(
                 str(path),
@@ -135,7 +135,7 @@ def test_events_on_sample_instants(version, period, high, late, sample, tmp_path
                 )
                 - 1
             )
-            np.testing.assert_array_equal(
+            assert_array_equal(
                 rows["y"][after], expected, err_msg=f"FMPy {kind} {early}"
             )
 
@@ -186,16 +186,15 @@ def test_linear_models_are_those_of_the_block(
     point = OperatingPoint(time=0.3, states=states, inputs=inputs)
     expected, found = linearize(ours, at=point), linearize(theirs, at=point)
     for matrix in "ABCD":
-        np.testing.assert_allclose(
+        assert_near(
             getattr(found, matrix),
             getattr(expected, matrix),
-            rtol=0,
-            atol=ROUND_OFF if own else 1e-7,
+            ROUND_OFF if own else 1e-7,
         )
     assert found.derivatives["f"].startswith("its own" if own else "differences")
     if name != "rotor":
         rests = (trim(d, at=point).states for d in (ours, theirs))
-        np.testing.assert_allclose(
+        assert_allclose(
             *(np.concatenate([*map(np.ravel, r.values())]) for r in rests),
             rtol=0,
             atol=1e-7,
@@ -217,10 +216,8 @@ def test_solved_loops(version, exported, systems):
         models.append(linearize(loop, loop.error.u1, loop.f.y))
         runs.append(simulate(loop, 1.0, step=0.01)["f.y"])
     for matrix in "ABCD":
-        np.testing.assert_allclose(
-            *(getattr(m, matrix) for m in models), rtol=0, atol=ROUND_OFF
-        )
-    np.testing.assert_allclose(*runs, rtol=0, atol=ROUND_OFF)
+        assert_allclose(*(getattr(m, matrix) for m in models), rtol=0, atol=ROUND_OFF)
+    assert_allclose(*runs, rtol=0, atol=ROUND_OFF)
 
 
 def test_open_inputs_may_keep_declared_start_values(exported, systems):
@@ -244,4 +241,4 @@ def test_open_inputs_may_keep_declared_start_values(exported, systems):
                 simulate(theirs, 1.0, step=0.01)
         else:
             runs.append(simulate(theirs, 1.0, step=0.01)["f.position"])
-    np.testing.assert_allclose(*runs, rtol=0, atol=ROUND_OFF)
+    assert_allclose(*runs, rtol=0, atol=ROUND_OFF)

@@ -91,7 +91,7 @@ def test_fmus_that_cannot_be_written_down_say_why(make_fmu, kind, tmp_path):
         session.restore(session.save())
     with pytest.raises(SimulationError, match=message):  # before anything is computed
         Simulator(bouncing(held, kind), step=TIME_STEP).run(
-            1e9, stream_to=tmp_path / "a.nc", checkpoint_every=1.0, progress=False
+            1e9, stream_to=tmp_path / "a.nc", checkpoint_every=1.0
         )
     flags = 'canGetAndSetFMUstate="true" canSerializeFMUstate="true"'
     stuck = make_fmu("ball", 2, replace={flags: ""})

@@ -4,6 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from systems import HiddenSum
 
 from trussflow.blocks import Diagram, Session, Simulator, cosimulate
@@ -44,10 +45,8 @@ def test_every_run_of_it_is_equal_to_a_run_alone(diagram):
         alone = [advanced(session, float(t)) for t in points]
     assert np.ptp(alone, axis=0).min() > 0.5
     simulator = Simulator(diagram, step=TIME_STEP, log=PORTS)
-    whole = values(simulator.run(1.0, progress=False))
-    coupled = values(
-        cosimulate(diagram, 1.0, step=TIME_STEP, log=PORTS, progress=False)
-    )
+    whole = values(simulator.run(1.0))
+    coupled = values(cosimulate(diagram, 1.0, step=TIME_STEP, log=PORTS))
 
     one = Session(diagram, step=TIME_STEP, outputs=PORTS)
     other = one.twin()
@@ -57,14 +56,10 @@ def test_every_run_of_it_is_equal_to_a_run_alone(diagram):
             pair = [advanced(session, float(t)) for session in (one, other)]
             interleaved.append(pair)
             if number == 9:  # in the middle of both sessions
-                runs = [
-                    pool.submit(simulator.run, 1.0, progress=False) for _ in range(3)
-                ]
-                beside = cosimulate(
-                    diagram, 1.0, step=TIME_STEP, log=PORTS, progress=False
-                )
+                runs = [pool.submit(simulator.run, 1.0) for _ in range(3)]
+                beside = cosimulate(diagram, 1.0, step=TIME_STEP, log=PORTS)
                 for run in runs:
-                    np.testing.assert_array_equal(values(run.result()), whole)
-                np.testing.assert_array_equal(values(beside), coupled)
-    np.testing.assert_array_equal(np.array(interleaved)[:, 0], alone)
-    np.testing.assert_array_equal(np.array(interleaved)[:, 1], alone)
+                    assert_array_equal(values(run.result()), whole)
+                assert_array_equal(values(beside), coupled)
+    assert_array_equal(np.array(interleaved)[:, 0], alone)
+    assert_array_equal(np.array(interleaved)[:, 1], alone)

@@ -1,5 +1,6 @@
 """Diagrams with FMUs are swept like others: each worker loads its own."""
 
+import campaign
 import numpy as np
 import pytest
 import xarray as xr
@@ -12,7 +13,7 @@ from trussflow.fmu import Fmu, export
 ROUND_OFF = 1e-12
 
 
-@pytest.mark.parametrize("kind", ["cs", pytest.param("me", marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("kind", ["cs", campaign.only("me")])
 def test_a_sweep_over_a_diagram_with_an_fmu(kind, tmp_path):
     export(TransferFunction([1.0], [1.0, 1.0]), tmp_path / "lag.fmu")
     diagram = Diagram("d")

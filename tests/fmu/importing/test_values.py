@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 from systems import ports
 
 from trussflow.blocks import Constant, Diagram, PythonFunction, Step, simulate
@@ -41,10 +42,8 @@ def test_a_resized_array_has_the_values_of_the_block(make_fmu, chosen, gains):
     expected = np.broadcast_to(2.0 if gains is None else gains, block.out.shape)
     assert (gains is None) == ("gains" not in block.parameters)
     if gains is not None:
-        np.testing.assert_array_equal(block.parameters["gains"], expected)
-    np.testing.assert_array_equal(
-        simulate(diagram, 0.1, step=0.1)["fmu.out"].values[-1], expected
-    )
+        assert_array_equal(block.parameters["gains"], expected)
+    assert_array_equal(simulate(diagram, 0.1, step=0.1)["fmu.out"].values[-1], expected)
 
 
 @pytest.mark.parametrize("kind", [*INTEGER_TYPES, "Float32", "Boolean"])
@@ -139,9 +138,7 @@ def test_discrete_inputs_come_with_the_others(make_fmu, version, solver):
     result = simulate(diagram, 1.0, step=0.1, solver=solver)
     after = (result["time"].values >= 0.5).astype(float)
     for name, before, change in (("y", 0, 2), ("next", 1, 1), ("inverse", 1, -1)):
-        np.testing.assert_array_equal(
-            result[f"fmu.{name}"].values, before + change * after
-        )
+        assert_array_equal(result[f"fmu.{name}"].values, before + change * after)
 
 
 @versions
@@ -173,4 +170,4 @@ def test_all_states_of_an_fmu_may_be_given(make_fmu, version):
         diagram, 0.2, step=0.1, initial={"fmu.h_state": 3.0, "fmu.v": 1.0}
     )
     t = result["time"].values
-    np.testing.assert_allclose(result["fmu.h"], 3.0 + t - 9.81 * t**2 / 2, rtol=1e-12)
+    assert_allclose(result["fmu.h"], 3.0 + t - 9.81 * t**2 / 2, rtol=1e-12)

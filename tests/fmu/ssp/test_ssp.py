@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from fmpy.ssp.simulation import simulate_ssp
+from numpy.testing import assert_allclose
 
 from trussflow.blocks import (
     Block,
@@ -196,7 +197,7 @@ def test_fmpy_runs_it_with_the_same_digits(fmus, tmp_path):
         ("law.force[2]", found["law.force"][:, 1]),
         ("mass.motion[2]", found["mass.motion"][:, 1]),
     ):
-        np.testing.assert_allclose(expected[name], signal[1:], rtol=1e-12, atol=1e-15)
+        assert_allclose(expected[name], signal[1:], rtol=1e-12, atol=1e-15)
         assert abs(signal).max() > 0.02
 
 

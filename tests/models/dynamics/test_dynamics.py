@@ -5,7 +5,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from systems import relative_error
+from systems import assert_near, relative_error
 
 from trussflow.blocks.tracing.kernels import symbol, to_expression, tracing
 from trussflow.blocks.tracing.program import lower
@@ -33,7 +33,7 @@ def assert_traced_equals_computed(system, q, v, *, kernels=True):
     parts = np.split(np.asarray(program.function(q, v)).ravel(), ends)
     for traced, computed in zip(parts, expected, strict=False):
         scale = np.max(np.abs(computed), initial=0.0)
-        np.testing.assert_allclose(traced, computed, rtol=0, atol=ROUND_OFF * scale)
+        assert_near(traced, computed, ROUND_OFF * scale)
     return trace
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import linprog
-from systems import actuator_limits
+from systems import actuator_limits, assert_near
 
 from trussflow.blocks import Quintic
 from trussflow.blocks.control.trajectory import PEAK_ACCELERATION
@@ -40,7 +40,7 @@ def test_moment_about_the_line_of_bases():
     """
     terms = DYNAMICS.evaluate(DYNAMICS.rest, np.zeros(DYNAMICS.coordinates))
     inertia, bases = terms.mass_matrix, terms.base_positions
-    assert_allclose(bases[:3, 1:], bases[[0, 0, 0], 1:], rtol=0, atol=1e-12)
+    assert_near(bases[:3, 1:], bases[[0, 0, 0], 1:], 1e-12)
     beside = inertia[3, 2] / inertia[0, 0] - bases[0, 1]
     moment = abs(inertia[0, 0] * PEAK_ACCELERATION * 6.0 / 60.0**2 * beside)
     assert moment == pytest.approx(11.48, abs=0.005)
@@ -77,11 +77,8 @@ def test_single_failures_of_case_1():
         ALONG_Z,
         actuator_limits(DYNAMICS, force=3.0, base_torque=0.3, joint_torque=0.3),
     )
-    assert_allclose(
-        [e.needed_torque for e in weak[:5]],
-        [0.39, 1.02, 0.51, 0.51, 3.83],
-        rtol=0,
-        atol=0.005,
+    assert_near(
+        [e.needed_torque for e in weak[:5]], [0.39, 1.02, 0.51, 0.51, 3.83], 0.005
     )
 
 

@@ -3,9 +3,11 @@
 from dataclasses import replace
 from functools import partial
 
+import campaign
 import numpy as np
 import pytest
-from systems import simulate_block
+from numpy.testing import assert_allclose, assert_array_equal
+from systems import assert_near, simulate_block
 
 from trussflow.blocks import Constant, Noise, Ramp, Step, simulate
 from trussflow.models import Hardware, Measurement, SpaceTruss, ThrusterSet
@@ -49,14 +51,10 @@ def test_commands_come_late_in_steps_and_within_limits(truss):
     force, torque = bases[..., :3], bases[..., 3:]
     assert np.abs(actuation[0]).max() == 0.0
     assert np.abs(force).max() == pytest.approx(5.0, abs=1e-12)
-    np.testing.assert_allclose(force / 0.1, np.rint(force / 0.1), rtol=0, atol=1e-9)
+    assert_near(force / 0.1, np.rint(force / 0.1), 1e-9)
     wanted = command[:-1, :24].reshape(-1, 4, 6)
-    np.testing.assert_allclose(
-        torque[1:], np.clip(wanted[..., 3:], -0.3, 0.3), rtol=0, atol=1e-12
-    )
-    np.testing.assert_allclose(
-        actuation[1:, 24:], np.clip(command[:-1, 24:], -0.3, 0.3), rtol=0, atol=1e-12
-    )
+    assert_near(torque[1:], np.clip(wanted[..., 3:], -0.3, 0.3), 1e-12)
+    assert_near(actuation[1:, 24:], np.clip(command[:-1, 24:], -0.3, 0.3), 1e-12)
 
 
 def test_impulse_follows_the_command(truss):
@@ -85,12 +83,10 @@ def test_a_base_and_joints_fail_at_the_time_set(truss):
         joint_effectiveness=Step(1.0, initial_value=np.ones(28), final_value=joints),
     )
     before, after = result["actuation"].values[[49, 60]]
-    np.testing.assert_allclose(before, 0.2, rtol=0, atol=1e-12)
+    assert_near(before, 0.2, 1e-12)
     bases = after[:24].reshape(4, 6)
-    np.testing.assert_allclose(
-        bases, np.outer([0.2, 0, 0.2, 0.1], np.ones(6)), rtol=0, atol=1e-12
-    )
-    np.testing.assert_allclose(after[24:], 0.2 * joints, rtol=0, atol=1e-12)
+    assert_near(bases, np.outer([0.2, 0, 0.2, 0.1], np.ones(6)), 1e-12)
+    assert_near(after[24:], 0.2 * joints, 1e-12)
     used = result["propellant"].values
     assert used[-1, 1] == pytest.approx(used[50, 1], rel=1e-12)
 
@@ -102,9 +98,7 @@ def test_thrusters_make_up_for_unloading(truss):
     torque[3:6] = 0.1, -0.05, 0.02
     unload = Step(1.0, initial_value=0.0, final_value=0.5)
     result = act(truss, hardware, 6.0, Constant(torque), unloading=unload)
-    np.testing.assert_allclose(
-        result["actuation"][1:, 3:6], np.tile(torque[3:6], (300, 1)), rtol=0, atol=1e-5
-    )
+    assert_near(result["actuation"][1:, 3:6], np.tile(torque[3:6], (300, 1)), 1e-5)
     momentum = result["momentum"].values
     assert np.abs(momentum[50]).max() == pytest.approx(0.098, abs=1e-9)
     assert result["propellant"][-1, 0] > 0
@@ -118,7 +112,7 @@ def test_without_wheels_thrusters_make_the_torques(truss):
         0.1,
         Constant(command),
     )
-    np.testing.assert_allclose(result["actuation"][-1], command, rtol=0, atol=1e-5)
+    assert_near(result["actuation"][-1], command, 1e-5)
 
 
 def measured(truss, hardware, seed, duration):
@@ -144,9 +138,7 @@ def test_sensors_show_the_truth_with_their_noise(truss):
             :-1
         ] / 1e-4
         count = len(error)
-        np.testing.assert_allclose(
-            error.std(axis=0), 1.0, rtol=4.5 / np.sqrt(2 * count), atol=0
-        )
+        assert_allclose(error.std(axis=0), 1.0, rtol=4.5 / np.sqrt(2 * count), atol=0)
         assert np.abs(np.corrcoef(error.T) - np.eye(truss.rigid)).max() < 5 / np.sqrt(
             count
         )
@@ -156,7 +148,7 @@ def test_sensors_show_the_truth_with_their_noise(truss):
         for name in ("task_position", "rigid_speeds")
     )
     velocity = np.array(list(map(truss.dynamics.kinematics, q, v)))[:, : truss.rigid]
-    np.testing.assert_allclose(result["task_velocity"], velocity, rtol=0, atol=1e-12)
+    assert_near(result["task_velocity"], velocity, 1e-12)
 
 
 def test_noise_is_that_of_the_seed(truss):
@@ -164,7 +156,7 @@ def test_noise_is_that_of_the_seed(truss):
         measured(truss, Hardware.flight(), s, 0.2)["task_position"].values
         for s in (1, 1, 2)
     )
-    np.testing.assert_array_equal(first, again)
+    assert_array_equal(first, again)
     assert np.abs(first - other).min() > 1e-9
 
 
@@ -173,14 +165,13 @@ def test_sensors_start_at_rest(truss):
     late = Measurement(sample_time=STEP, delay=0.04)
     hardware = replace(Hardware.flight(), encoder=late, metrology=late)
     result = measured(truss, hardware, 1, 0.2)
-    np.testing.assert_array_equal(
+    assert_array_equal(
         result["task_position"][1, 6:], truss.dynamics.rest[6 : truss.rigid]
     )
 
 
 @pytest.mark.parametrize(
-    ("duration", "least_speed"),
-    [(0.1, 8e-6), pytest.param(3.0, 2e-3, marks=pytest.mark.campaign)],
+    ("duration", "least_speed"), [(0.1, 8e-6), campaign.only(3.0, 2e-3)]
 )
 def test_ideal_hardware_does_not_change_the_transport_loop(duration, least_speed):
     """Ports, units, signs and order: the difference is the motion of about a millisecond."""

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from systems import simulate_block
+from numpy.testing import assert_allclose, assert_array_equal
+from systems import assert_near, simulate_block
 
 from trussflow.blocks import Constant, Ramp
 from trussflow.blocks.errors import TrussflowError
@@ -51,13 +52,13 @@ def test_a_gyro_obeys_its_data_sheet():
     bias, time = 0.02, 0.5
     walk = {"random_walk": bias * np.sqrt(2.0 / time), "correlation_time": time}
     rate = gyro_rate(1000, 10.0, initial_bias=bias, **walk)
-    np.testing.assert_allclose(rate.std(axis=1), bias, rtol=4 / np.sqrt(2000), atol=0)
+    assert_allclose(rate.std(axis=1), bias, rtol=4 / np.sqrt(2000), atol=0)
     assert np.mean(rate[:-5] * rate[5:]) / bias**2 == pytest.approx(
         np.exp(-1), abs=0.02
     )
     rate = gyro_rate(50, 2.0, initial_bias=bias)
     # without a correlation time the bias stays
-    np.testing.assert_array_equal(rate[0], rate[-1])
+    assert_array_equal(rate[0], rate[-1])
     assert rate.std() == pytest.approx(bias, rel=0.4)
 
 
@@ -66,9 +67,7 @@ def test_an_encoder_counts_steps_of_a_turn():
     encoder = Measurement(sample_time=0.1, quantum=step)
     measured, true = watch(encoder, Ramp([0.5, -0.3]), 2, 20.0)
     assert np.abs(measured - true).max() <= step / 2 * (1 + 1e-9)
-    np.testing.assert_allclose(
-        measured / step, np.rint(measured / step), rtol=0, atol=1e-9
-    )
+    assert_near(measured / step, np.rint(measured / step), 1e-9)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.04, 0.1, 0.25])
@@ -77,7 +76,7 @@ def test_a_sample_is_shown_after_the_delay(delay):
     measured, _ = watch(measurement, Ramp([1.0]), 1, 2.0, step=0.01)
     ticks, late = np.arange(201), round(delay * 100)
     expected = np.where(ticks < late, 0.0, (ticks - late) // 10 * 0.1)
-    np.testing.assert_allclose(measured[:, 0], expected, rtol=0, atol=1e-12)
+    assert_near(measured[:, 0], expected, 1e-12)
 
 
 def test_everything_together_is_the_same_in_every_run():
@@ -94,7 +93,7 @@ def test_everything_together_is_the_same_in_every_run():
         for b in ("numpy", "compiled")
     )
     # Round-off of the noise may choose another step, but did not for this seed.
-    np.testing.assert_allclose(first, second, rtol=0, atol=1e-12)
+    assert_near(first, second, 1e-12)
 
 
 def test_drives_limit_torque_and_rub():
@@ -106,11 +105,8 @@ def test_drives_limit_torque_and_rub():
         "effectiveness": Constant([1.0, 1.0, 0.5, 0.0]),
     }
     result = simulate_block(drives, 0.1, sources, step=0.1)
-    np.testing.assert_allclose(
-        result["block.torque"][0],
-        [0.3, -0.3 - 0.15, 0.05 + 0.15, -0.15],
-        rtol=0,
-        atol=1e-12,
+    assert_near(
+        result["block.torque"][0], [0.3, -0.3 - 0.15, 0.05 + 0.15, -0.15], 1e-12
     )
 
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
 from scipy.optimize import linprog
-from systems import simulate_block
+from systems import assert_near, simulate_block
 
 from trussflow.blocks import Constant, Noise, Step
 from trussflow.models import ModelError, Pulses, ThrusterSet
@@ -52,9 +53,7 @@ def test_thrusts_make_the_wrench(kind, wrench):
     thrusters = SETS[kind]()
     thrusts = thrusters.thrusts(wrench)
     assert thrusts.min() >= -ROUND_OFF
-    np.testing.assert_allclose(
-        thrusters.matrix @ thrusts, wrench, rtol=0, atol=ROUND_OFF
-    )
+    assert_near(thrusters.matrix @ thrusts, wrench, ROUND_OFF)
 
 
 @given(seed=seeds)
@@ -87,7 +86,7 @@ def test_any_layout_is_exact_or_an_error(seed):
     for wrench in rng.standard_normal((20, 6)) * (np.arange(6) < parts):
         thrusts = thrusters.thrusts(wrench)
         assert thrusts.min() >= -ROUND_OFF
-        np.testing.assert_allclose(matrix @ thrusts, wrench, rtol=0, atol=1e-8)
+        assert_near(matrix @ thrusts, wrench, 1e-8)
 
 
 @given(seed=seeds)
@@ -99,9 +98,7 @@ def test_thrusters_at_one_place_share_its_work(seed):
     ways, places = columns[:3].T, np.cross(columns[:3].T, columns[3:].T)
     thrusters = ThrusterSet(places, ways, quantum=0.1, **LAW)
     for wrench in rng.standard_normal((20, 6)):
-        np.testing.assert_allclose(
-            thrusters.matrix @ thrusters.thrusts(wrench), wrench, rtol=0, atol=ROUND_OFF
-        )
+        assert_near(thrusters.matrix @ thrusters.thrusts(wrench), wrench, ROUND_OFF)
 
 
 @given(wrench=wrenches)
@@ -118,7 +115,7 @@ def test_opposed_pairs_waste_no_propellant(wrench):
 def test_axial_thrusters_make_forces_and_leave_torques_alone():
     thrusters = ThrusterSet.axial(quantum=0.1, **LAW)
     thrusts = thrusters.thrusts(np.array([0.5, -0.7, 0.0, 9.0, -9.0, 9.0]))
-    np.testing.assert_allclose(thrusts, [0.5, 0, 0, 0, 0.7, 0], rtol=0, atol=ROUND_OFF)
+    assert_near(thrusts, [0.5, 0, 0, 0, 0.7, 0], ROUND_OFF)
 
 
 @pytest.mark.parametrize("kind", SETS)
@@ -135,7 +132,7 @@ def test_sigma_delta_loses_no_impulse(kind, minimum_impulse):
     thrust = result["thrust"].values
     assert thrust.min() >= 0.0
     assert thrust[thrust > 0].min() >= minimum_impulse / 0.1 - ROUND_OFF
-    np.testing.assert_allclose(thrust / 0.1, np.rint(thrust / 0.1), rtol=0, atol=1e-6)
+    assert_near(thrust / 0.1, np.rint(thrust / 0.1), 1e-6)
 
 
 def test_limits_are_never_exceeded_and_lose_what_is_beyond():
@@ -170,7 +167,7 @@ def test_effectiveness_scales_thrust_and_kills():
         2.0,
         effectiveness=health,
     )
-    np.testing.assert_allclose(result["wrench"][1:10, 1], 0.2, rtol=0, atol=ROUND_OFF)
+    assert_near(result["wrench"][1:10, 1], 0.2, ROUND_OFF)
     assert abs(result["wrench"][10:]).max() == 0.0
     assert result["propellant"][-1] == pytest.approx(
         1.0 * 0.2 / (70.0 * 9.80665), rel=1e-9
@@ -210,7 +207,7 @@ def test_every_pulse_width_comes_out(count):
     y = simulate_block(pulses, count * 0.01, {"thrust": Constant(thrusts)}, **settings)[
         "block.y"
     ].values
-    np.testing.assert_array_equal((y[:-1] > 0).sum(axis=0), np.arange(count + 1))
+    assert_array_equal((y[:-1] > 0).sum(axis=0), np.arange(count + 1))
 
 
 @pytest.mark.parametrize(
@@ -229,7 +226,7 @@ def test_valves_take_time(opens, closes):
         any(0 <= n - s < 6 + round((closes - opens) * 100) for s in starts)
         for n in ticks
     ]
-    np.testing.assert_array_equal(y[:-1, 0], expected[:-1])
+    assert_array_equal(y[:-1, 0], expected[:-1])
     assert y[:, 1].max() == 0.0
 
 

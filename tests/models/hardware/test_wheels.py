@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from systems import simulate_block
+from systems import assert_near, simulate_block
 
 from trussflow.blocks import Constant, Noise, Sine
 from trussflow.blocks.errors import TrussflowError
@@ -33,9 +33,7 @@ def test_momentum_is_conserved(axes, friction):
         wheels, 50.0, demand=Noise([0.5, 0.3, 0.4], STEP, seed=1, mean=[0.1, 0.0, -0.1])
     )
     momentum = result["block.momentum"].values
-    np.testing.assert_allclose(
-        given_away(result) + momentum[1:] @ axes, 0.0, rtol=0, atol=ROUND_OFF
-    )
+    assert_near(given_away(result) + momentum[1:] @ axes, 0.0, ROUND_OFF)
     assert (
         np.abs(np.diff(momentum, axis=0)).max()
         <= (0.5 + 0.02 * 0.8 + 0.05) * STEP + ROUND_OFF
@@ -52,17 +50,13 @@ def test_torque_is_the_one_wanted_within_limits():
             5.0,
             demand=Constant(wanted),
         )
-        np.testing.assert_allclose(
-            result["block.torque"], np.tile(wanted, (51, 1)), rtol=0, atol=ROUND_OFF
-        )
+        assert_near(result["block.torque"], np.tile(wanted, (51, 1)), ROUND_OFF)
     result = spin(
         ReactionWheels(np.eye(3), STEP, torque=0.15, momentum=50.0),
         5.0,
         demand=Constant(wanted),
     )
-    np.testing.assert_allclose(
-        result["block.torque"][-1], [0.15, -0.1, 0.15], rtol=0, atol=ROUND_OFF
-    )
+    assert_near(result["block.torque"][-1], [0.15, -0.1, 0.15], ROUND_OFF)
 
 
 def test_friction_slows_down_and_stops():
@@ -77,9 +71,7 @@ def test_friction_slows_down_and_stops():
     ):
         wheels = ReactionWheels(np.eye(3), STEP, torque=1, momentum=2, **friction)
         result = spin(wheels, 5.0, start, demand=Constant(np.zeros(3)))
-        np.testing.assert_allclose(
-            result["block.momentum"], expected, rtol=0, atol=ROUND_OFF
-        )
+        assert_near(result["block.momentum"], expected, ROUND_OFF)
 
 
 def test_motors_below_friction_do_not_turn_a_wheel():
@@ -96,16 +88,10 @@ def test_unloading_gives_momentum_away_and_says_how_much():
         wheels, 20.0, start, demand=Constant([0.1, 0.0, 0.0]), unloading=Constant(rate)
     )
     h = result["block.momentum"].values
-    np.testing.assert_allclose(
-        result["block.unloading_torque"], rate * h, rtol=0, atol=ROUND_OFF
-    )
+    assert_near(result["block.unloading_torque"], rate * h, ROUND_OFF)
     extra = result["block.torque"] - result["block.unloading_torque"]
-    np.testing.assert_allclose(
-        extra, np.tile([0.1, 0, 0], (201, 1)), rtol=0, atol=ROUND_OFF
-    )
-    np.testing.assert_allclose(
-        h[:, 1], -0.5 * 0.98 ** np.arange(201), rtol=0, atol=ROUND_OFF
-    )
+    assert_near(extra, np.tile([0.1, 0, 0], (201, 1)), ROUND_OFF)
+    assert_near(h[:, 1], -0.5 * 0.98 ** np.arange(201), ROUND_OFF)
 
 
 def test_dead_motors_give_no_torque():

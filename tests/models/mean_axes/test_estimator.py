@@ -30,7 +30,6 @@ def pushed(sample_time):
         log=[truss.task_position, estimator.mean_position],
         log_step=0.4,
         parameters={"estimator.gain": np.zeros_like(estimator.parameters["gain"])},
-        progress=False,
     )
     return result["truss.task_position"][-1].values, result["estimator.mean_position"][
         -1

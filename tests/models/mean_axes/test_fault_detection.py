@@ -108,9 +108,7 @@ def test_no_alarm_of_healthy_actuators(session, size):
 
 
 @pytest.mark.parametrize("failed", LOSSES)
-@pytest.mark.parametrize(
-    "seed", [1, *(pytest.param(seed, marks=pytest.mark.campaign) for seed in SEEDS)]
-)
+@pytest.mark.parametrize("seed", [1, *map(campaign.only, SEEDS)])
 def test_the_probe_shows_a_loss_of_idle_actuators(session, failed, seed):
     """Without the probe, no loss of a base, of the drives of an arm, or of a robot is isolated."""
     assert 0.0 < isolation_time(session, failed, IDLE, DESIGN.probe, seed) < 0.3
@@ -118,8 +116,7 @@ def test_the_probe_shows_a_loss_of_idle_actuators(session, failed, seed):
 
 
 @pytest.mark.parametrize(
-    ("duration", "arrival"),
-    [(6.0, 41.0), pytest.param(60.0, 240.0, marks=pytest.mark.campaign)],
+    ("duration", "arrival"), [(6.0, 41.0), campaign.only(60.0, 240.0)]
 )
 def test_a_path_becomes_slower_after_a_loss(duration, arrival):
     """Base 4 fails at a sixth of the way, which then is beyond reach along body z in that time.

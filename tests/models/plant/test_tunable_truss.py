@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from systems import relative_error
 
 from trussflow.blocks import Diagram, Simulator
@@ -62,7 +63,7 @@ def test_errors(build, message):
 
 def test_limits_of_hardware_without_torques():
     truss = SpaceTruss.consistent()
-    np.testing.assert_allclose(
+    assert_allclose(
         Hardware.flight().limits(truss)[:6], [5.0] * 3 + [0.3] * 3, rtol=1e-12
     )
     with pytest.raises(ModelError, match="makes no torques on the bases"):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from systems import relative_error
+from systems import assert_near, relative_error
 
 from trussflow.models import ModelError, RobotArm, arm_terms
 from trussflow.models.geometry.rotation import rotation_about_z
@@ -156,9 +156,7 @@ def test_visuals_of_public_robots_are_where_pinocchio_has_them(
             visual._replace(kind="box", size=np.ones(3)).triangles()[0] @ axes.T + place
         )
         placed = data.oMf[model.getFrameId(hand)].actInv(theirs[visual.file.name])
-        np.testing.assert_allclose(
-            ours, [placed.act(c) for c in BOX_CORNERS], rtol=0, atol=TOLERANCE
-        )
+        assert_near(ours, [placed.act(c) for c in BOX_CORNERS], TOLERANCE)
 
 
 def random_urdf(rng, links):

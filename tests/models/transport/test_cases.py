@@ -3,6 +3,7 @@
 from functools import cache
 from typing import Any
 
+import campaign
 import numpy as np
 import pytest
 
@@ -11,7 +12,7 @@ from trussflow.models import SpaceTruss
 from trussflow.models.transport import Mission, transport_diagram
 from trussflow.models.transport.results import logged
 
-WHOLE = pytest.param(80.0, marks=pytest.mark.campaign)  # s
+WHOLE = campaign.only(80.0)  # s
 whole = pytest.mark.parametrize("flown", [WHOLE], indirect=True)
 begun_and_whole = pytest.mark.parametrize("flown", [1.5, WHOLE], indirect=True)
 
@@ -39,17 +40,14 @@ def flown(request):
         simulator = Simulator(
             diagram, step=1e-3, solver=solver, log=logged(diagram), log_step=0.01
         )
-        return simulator.run(request.param, progress=False)
+        return simulator.run(request.param)
 
     return fly
 
 
 over_cases = pytest.mark.parametrize(
     ("name", "flown"),
-    [
-        ("case 1", 1.5),
-        *(pytest.param(f"case {k}", 80.0, marks=pytest.mark.campaign) for k in (1, 2)),
-    ],
+    [("case 1", 1.5), *(campaign.only(f"case {k}", 80.0) for k in (1, 2))],
     indirect=["flown"],
 )
 
@@ -61,10 +59,7 @@ def peak(result, name):
 @begun_and_whole
 @pytest.mark.parametrize(
     ("name", "position", "attitude", "torque"),
-    [
-        ("case 1", 1e-5, 2e-5, 0.3),
-        pytest.param("case 2", 1e-5, 1e-5, 0.85, marks=pytest.mark.campaign),
-    ],
+    [("case 1", 1e-5, 2e-5, 0.3), campaign.only("case 2", 1e-5, 1e-5, 0.85)],
 )
 def test_published_tracking_and_torque(flown, name, position, attitude, torque):
     """Errors stay small throughout, and base torques near the source's 0.25 and 0.8 N·m."""

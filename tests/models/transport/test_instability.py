@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import campaign
 import numpy as np
 import pytest
 
@@ -33,13 +34,10 @@ def modal_rate(bandwidth, allocation, duration):
     start = np.zeros(truss.n)
     start[truss.rigid :] = 1e-8
     simulator = Simulator(diagram, step=1e-3, log=["truss.modal_rate"])
-    return simulator.run(duration, initial={"truss.v": start}, progress=False)
+    return simulator.run(duration, initial={"truss.v": start})
 
 
-@pytest.mark.parametrize(
-    "bandwidth",
-    [4.0, *(pytest.param(each, marks=pytest.mark.campaign) for each in (None, 2.0))],
-)
+@pytest.mark.parametrize("bandwidth", [4.0, *map(campaign.only, (None, 2.0))])
 def test_published_allocation_grows_at_the_rate_of_the_linear_poles(bandwidth):
     """Fitted to the size of the modal rates over the second half of the run."""
     expected = GROWTH[bandwidth]
@@ -53,9 +51,7 @@ def test_published_allocation_grows_at_the_rate_of_the_linear_poles(bandwidth):
     assert rate == pytest.approx(expected, rel=0.05)
 
 
-@pytest.mark.parametrize(
-    "duration", [1.0, pytest.param(10.0, marks=pytest.mark.campaign)]
-)
+@pytest.mark.parametrize("duration", [1.0, campaign.only(10.0)])
 def test_mode_neutral_allocation_does_not_grow(duration):
     """The same loop with feedback allocated so that it does no work on the modes."""
     size = np.abs(

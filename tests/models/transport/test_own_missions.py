@@ -26,10 +26,7 @@ ROOT_TOLERANCE = 1.5e-4  # m, rad
 MOMENTUM_TOLERANCE = 1e-5
 
 
-OTHERS = (
-    pytest.param(name, marks=pytest.mark.campaign)
-    for name in ("antenna", "ring")[: campaign.SIZE]
-)
+OTHERS = map(campaign.only, ("antenna", "ring")[: campaign.SIZE])
 
 
 @pytest.fixture(scope="module", params=["boom", *OTHERS])
@@ -46,7 +43,7 @@ def mission(file):
 
 @pytest.fixture(scope="module")
 def run(mission):
-    return mission.simulator(mission.diagram()).run(DURATION, progress=False)
+    return mission.simulator(mission.diagram()).run(DURATION)
 
 
 def momentum_and_force(truss, run, now, held):
@@ -93,7 +90,7 @@ def test_the_root_stays_on_its_path(mission, run):
 @pytest.mark.campaign
 def test_a_flight_is_the_same_to_the_bit(file, run):
     mission = MissionFile.read(file)
-    again = mission.simulator(mission.diagram()).run(DURATION, progress=False)
+    again = mission.simulator(mission.diagram()).run(DURATION)
     for name in run.data_vars:
         assert_array_equal(again[name], run[name])
 
@@ -155,7 +152,7 @@ def test_the_boom_follows_the_fastest_path_of_half_its_strength():
         diagram = mean_axes_transport(
             boom.mission, truss, design=boom.design, hardware=boom.hardware, path=path
         )
-        result = boom.simulator(diagram).run(16.0, progress=False)
+        result = boom.simulator(diagram).run(16.0)
         assert np.abs(result["position_error"]).max() < 2.0 * ROOT_TOLERANCE
         assert np.abs(result["base_force"]).max() < 2.5
         left.append(result["modal_coordinate"][-150:, 0].std())

@@ -45,7 +45,7 @@ def flown(flight, truss, *, turned=None, sign=1.0):
         q[3:7], np.zeros(3) if turned is None else turned
     )
     simulator = Simulator(diagram, step=5e-3, log=logged(diagram), log_step=0.25)
-    return simulator.run(2.0 * flight.duration, initial={"truss.q": q}, progress=False)
+    return simulator.run(2.0 * flight.duration, initial={"truss.q": q})
 
 
 def test_a_slew_s_velocity_and_acceleration_are_its_derivatives(tug):
@@ -119,9 +119,7 @@ def test_a_slew_that_becomes_slower_ends_where_it_should(tug):
     _, left = diagram.add(slew=path, left=Step(5.0, initial_value=1.0, final_value=0.5))
     left.y >> path.share
     log = {"position": path.position, "velocity": path.velocity}
-    run = simulate(
-        diagram, 30.0, step=0.01, log=log, backend="interpreted", progress=False
-    )
+    run = simulate(diagram, 30.0, step=0.01, log=log, backend="interpreted")
     q, v = run["position"].values, run["velocity"].values
     turns = [
         QUATERNION.difference(*pair) / 0.02

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import campaign
 import numpy as np
 import pytest
 
@@ -41,14 +42,12 @@ def flights(truss, hardware, *missions):
     found = []
     for each in missions:
         way = {"trajectory.displacement": each.displacement(truss.rigid)}
-        run = simulator.run(1.25 * each.duration, parameters=way, progress=False)
+        run = simulator.run(1.25 * each.duration, parameters=way)
         found.append(run)
     return found
 
 
-@pytest.mark.parametrize(
-    "duration", [4.0, pytest.param(10.0, marks=pytest.mark.campaign)]
-)
+@pytest.mark.parametrize("duration", [4.0, campaign.only(10.0)])
 def test_small_turns_are_flown_as_with_euler_angles(truss, duration):
     """What differs is of second order: half the turn, a quarter of the difference."""
     missions = [mission(s * np.array([0.04, -0.06, 0.1]), duration) for s in (1.0, 0.5)]
@@ -72,7 +71,7 @@ def test_the_source_s_loop_turns_it_over(truss):
     ours, flight = truss.with_quaternion(), mission(OVER, 40.0)
     diagram = transport_diagram(flight, ours)
     simulator = Simulator(diagram, step=1e-3, log=logged(diagram), log_step=LOG_STEP)
-    run = simulator.run(60.0, progress=False)
+    run = simulator.run(60.0)
     assert np.abs(run["attitude"].values[-1] - [0.0, 1.0, 0.0, 0.0]).max() < 1e-5
     for error in ("position_error", "attitude_error", "joint_error"):
         assert np.abs(run[error]).max() < 1e-4
@@ -99,7 +98,7 @@ def test_the_paper_s_truss_slews_by_a_third_of_a_circle():
         way, truss, hardware=replace(Hardware.flight(), gyroscopic="cancelled")
     )
     simulator = Simulator(diagram, step=2e-3, log=logged(diagram), log_step=LOG_STEP)
-    found = simulator.run(110.0, progress=False)
+    found = simulator.run(110.0)
     angle = 2.0 * np.arctan2(
         found["attitude"].values[:, 1], found["attitude"].values[:, 0]
     )

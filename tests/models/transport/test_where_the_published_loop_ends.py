@@ -5,6 +5,7 @@ controller exactly and at once. The published plant is flown by the published la
 which that law is unstable, by its mode-neutral form.
 """
 
+import campaign
 import numpy as np
 import pytest
 
@@ -27,22 +28,17 @@ def simulator(hold, delay, plant="consistent"):
     )
 
 
-@pytest.mark.parametrize(
-    "duration", [0.5, pytest.param(4.0, marks=pytest.mark.campaign)]
-)
+@pytest.mark.parametrize("duration", [0.5, campaign.only(4.0)])
 def test_it_runs_with_a_hold_of_1_ms(duration):
-    result = simulator(1e-3, 0.0).run(duration, progress=False)
+    result = simulator(1e-3, 0.0).run(duration)
     error = result["truss.task_position"].values - result["trajectory.position"].values
     assert np.abs(error[:, :6]).max() < 1e-4
 
 
-@pytest.mark.parametrize(
-    ("hold", "delay"),
-    [(2e-3, 0.0), pytest.param(1e-3, 1e-3, marks=pytest.mark.campaign)],
-)
+@pytest.mark.parametrize(("hold", "delay"), [(2e-3, 0.0), campaign.only(1e-3, 1e-3)])
 def test_it_diverges_with_2_ms_of_hold_or_1_ms_of_delay(hold, delay):
     with pytest.raises(DivergenceError, match="stopped being finite"):
-        simulator(hold, delay).run(4.0, progress=False)
+        simulator(hold, delay).run(4.0)
 
 
 @pytest.mark.campaign
@@ -51,7 +47,7 @@ def test_it_diverges_with_2_ms_of_hold_or_1_ms_of_delay(hold, delay):
     [(1e-3, 0.0, 0.0, 1e-3), (2e-3, 0.0, 0.1, np.inf), (1e-3, 1e-3, 0.1, np.inf)],
 )
 def test_joints_of_the_published_plant_run_off(hold, delay, least, most):
-    result = simulator(hold, delay, "published").run(4.0, progress=False)
+    result = simulator(hold, delay, "published").run(4.0)
     joints = np.abs(
         result["truss.task_position"].values - result["trajectory.position"].values
     )[:, 6:].max()

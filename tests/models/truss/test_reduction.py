@@ -4,6 +4,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
+from systems import assert_near
 
 from trussflow.models import (
     Frame,
@@ -162,11 +164,9 @@ def test_deflection_under_loads_on_the_grasps_is_exact(frame, clamped, number):
 
 def test_a_set_of_nodes_moves_as_a_rigid_face_does(frame):
     place = reduction._interface(frame, {1, 2, 3, 4})
-    np.testing.assert_allclose(
-        place.position, frame.positions[:4].mean(axis=0), rtol=0, atol=1e-15
-    )
+    assert_near(place.position, frame.positions[:4].mean(axis=0), 1e-15)
     found = place.motion @ frame.rigid_motions(place.position)
-    np.testing.assert_allclose(found, np.eye(6), rtol=0, atol=1e-12)
+    assert_near(found, np.eye(6), 1e-12)
 
 
 def test_shapes_of_a_floating_body_carry_no_momentum(frame):
@@ -179,9 +179,7 @@ def test_shapes_of_a_floating_body_carry_no_momentum(frame):
         np.cross(modes.positions[:, :, None], modes.shapes, axis=1),
     )
     assert np.max(np.abs(angular)) < ROUND_OFF * scale
-    np.testing.assert_allclose(
-        modes.modal_mass, np.eye(modes.modes), rtol=0, atol=1e-12
-    )
+    assert_near(modes.modal_mass, np.eye(modes.modes), 1e-12)
 
 
 def test_the_choice_of_the_body_s_frame_is_no_physics(frame):
@@ -197,15 +195,15 @@ def test_the_choice_of_the_body_s_frame_is_no_physics(frame):
         )[:5]
         for clamped in ((), (3,))
     )
-    np.testing.assert_allclose(floating, held, rtol=2e-4)
+    assert_allclose(floating, held, rtol=2e-4)
 
 
 def test_iteration_gives_what_the_dense_solution_gives(frame, monkeypatch):
     dense = reduced_modes(frame, 8, [6])
     monkeypatch.setattr(reduction, "_MAX_DENSE_POINTS", 0)
     found = reduced_modes(frame, 8, [6])
-    np.testing.assert_allclose(found.frequencies, dense.frequencies, rtol=ROUND_OFF)
-    np.testing.assert_allclose(found.shapes, dense.shapes, rtol=0, atol=1e-7)
+    assert_allclose(found.frequencies, dense.frequencies, rtol=ROUND_OFF)
+    assert_near(found.shapes, dense.shapes, 1e-7)
 
 
 ERROR_CASES = [

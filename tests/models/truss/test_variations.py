@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from systems import assert_near
 
 from trussflow.models import ModelError
 from trussflow.models.truss.paper_truss import accurate_modes
@@ -26,13 +28,9 @@ def compliance(modes):
 def test_a_load_is_mass_and_no_stiffness():
     heavy = loaded(TRUSS, TIP, 20.0)
     assert heavy.mass - TRUSS.mass == pytest.approx(20.0, rel=1e-12)
-    np.testing.assert_allclose(
-        heavy.static_moment - TRUSS.static_moment, 20.0 * TIP, rtol=0, atol=1e-9
-    )
+    assert_near(heavy.static_moment - TRUSS.static_moment, 20.0 * TIP, 1e-9)
     given = compliance(TRUSS)
-    np.testing.assert_allclose(
-        compliance(heavy), given, rtol=0, atol=1e-10 * np.abs(given).max()
-    )
+    assert_near(compliance(heavy), given, 1e-10 * np.abs(given).max())
     # Each frequency falls, and none below the next lower one of the truss without (interlacing).
     assert (heavy.frequencies <= TRUSS.frequencies * (1 + 1e-12)).all()
     assert heavy.frequencies[0] < 0.99 * TRUSS.frequencies[0]
@@ -45,32 +43,28 @@ def test_a_load_on_a_single_degree_of_freedom():
     node = np.argmin(np.linalg.norm(one.positions - TIP, axis=1))
     grown = 1.0 + 7.0 * np.sum(one.shapes[node] ** 2)
     heavy = loaded(one, TIP, 7.0)
-    np.testing.assert_allclose(
-        heavy.frequencies, one.frequencies / np.sqrt(grown), rtol=1e-12
-    )
+    assert_allclose(heavy.frequencies, one.frequencies / np.sqrt(grown), rtol=1e-12)
 
 
 def test_scaled():
     other = scaled(TRUSS, mass=1.1, frequency=0.9)
     assert other.mass == pytest.approx(1.1 * TRUSS.mass, rel=1e-12)
-    np.testing.assert_allclose(other.frequencies, 0.9 * TRUSS.frequencies, rtol=1e-12)
+    assert_allclose(other.frequencies, 0.9 * TRUSS.frequencies, rtol=1e-12)
     given = compliance(TRUSS) / (1.1 * 0.9**2)
-    np.testing.assert_allclose(
-        compliance(other), given, rtol=0, atol=1e-12 * np.abs(given).max()
-    )
+    assert_near(compliance(other), given, 1e-12 * np.abs(given).max())
 
 
 def test_misjudged():
     factors = np.ones(TRUSS.modes)
     factors[4] = 1.5
     other = misjudged(TRUSS, factors)
-    np.testing.assert_array_equal(
+    assert_array_equal(
         other.grasp_rotations[..., 4], 1.5 * TRUSS.grasp_rotations[..., 4]
     )
-    np.testing.assert_array_equal(
+    assert_array_equal(
         other.grasp_translations[..., :4], TRUSS.grasp_translations[..., :4]
     )
-    np.testing.assert_array_equal(other.shapes, TRUSS.shapes)
+    assert_array_equal(other.shapes, TRUSS.shapes)
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ import pytest
 from matplotlib.image import imread
 from numpy.testing import assert_allclose
 from PIL import Image, ImageSequence
+from systems import assert_near
 
 from trussflow.models import EULER, QUATERNION, ModelError, SpaceTruss, arm_terms
 from trussflow.models.geometry.rotation import fixed_rotation, rotation_about_z
@@ -76,9 +77,7 @@ def check_positions(page, truss, rods, run):
         rotation = dynamics.attitude.rotation(q[3:end])
 
         def check(points, expected, q=q, rotation=rotation):
-            assert_allclose(
-                points, q[:3] + expected @ rotation.T, rtol=0, atol=TOLERANCE
-            )
+            assert_near(points, q[:3] + expected @ rotation.T, TOLERANCE)
 
         check(
             shown["truss"][: len(rods)], (modes.positions + modes.shapes @ modal)[rods]
@@ -91,14 +90,14 @@ def check_positions(page, truss, rods, run):
                 arm, angles, 0.0 * angles, hand.rotation, hand.position, rigid, rigid
             )
             links = shown[f"robot {k + 1}"][: arm.joints + 1]
-            assert_allclose(links[1:, 0], links[:-1, 1], rtol=0, atol=TOLERANCE)
+            assert_near(links[1:, 0], links[:-1, 1], TOLERANCE)
             chain = np.concatenate([links[:1, 0], links[:, 1]])
             check(chain[[0, -1]], np.stack([hand.position, terms.base_position]))
             # A joint that turns lies on its axis: the screw is (p x axis, axis) for each of its points p.
             turns = ~np.array(arm.sliding, dtype=bool)
             joints = (chain[1:-1] - q[:3])[turns] @ rotation
             moments, axes = np.split(terms.screws[turns], 2, axis=1)
-            assert_allclose(np.cross(joints, axes), moments, rtol=0, atol=TOLERANCE)
+            assert_near(np.cross(joints, axes), moments, TOLERANCE)
             signs = np.array(list(product((-1, 1), repeat=3)))[:, ::-1]
             corners = (
                 terms.base_position + (signs * box_of(arm)) @ terms.base_rotation.T
@@ -229,9 +228,7 @@ def test_bodies_are_where_a_pinhole_camera_sees_them(opened, page_file, camera):
     rows, columns = np.nonzero(red)
     for seen, expected in ((columns, x), (rows, y)):
         assert np.ptp(expected) > 50.0
-        assert_allclose(
-            [seen.min(), seen.max()], [expected.min(), expected.max()], rtol=0, atol=7.0
-        )
+        assert_near([seen.min(), seen.max()], [expected.min(), expected.max()], 7.0)
     assert window.complaints == []
 
 
@@ -304,7 +301,7 @@ def test_controls(window):
     page.mouse.move(middle + (box["width"] - 70) / 8, box["y"] + 70)
     page.mouse.up()
     ranges = np.array(page.evaluate("page.charts.map((chart) => chart.ends)"))
-    assert_allclose(ranges, np.tile([4.0, 5.0], (len(ranges), 1)), rtol=0, atol=0.05)
+    assert_near(ranges, np.tile([4.0, 5.0], (len(ranges), 1)), 0.05)
     page.mouse.move(0, 0)
     page.evaluate("page.show(6)")
     assert page.locator(".cursor").first.is_hidden()
@@ -361,7 +358,7 @@ def test_two_runs_lie_over_each_other(opened, truss, run, make_run, tmp_path):
     shown = drawn(page, 3.0)
     assert {"truss, first", "truss, second", "target"} <= set(shown)
     place = second["truss.coordinates"].values[150, :3]
-    assert_allclose(shown["truss, second"][0, 0], place, rtol=0, atol=TOLERANCE)
+    assert_near(shown["truss, second"][0, 0], place, TOLERANCE)
     assert page.locator("#second").inner_text() == "faint curves: second"
     assert page.evaluate("page.charts.map((chart) => chart.curves.length)") == [
         34,
@@ -476,7 +473,7 @@ def test_a_panel_shows_the_state_that_it_is_given(opened, truss, run, tmp_path):
     rotation = truss.dynamics.attitude.rotation(q[3:6])
     expected = q[:3] + (modes.positions + modes.shapes @ q[-6:]) @ rotation.T
     rods = frame_rods(modes)
-    assert_allclose(shown["truss"][: len(rods)], expected[rods], rtol=0, atol=TOLERANCE)
+    assert_near(shown["truss"][: len(rods)], expected[rods], TOLERANCE)
     assert len(shown["target"]) > len(rods)
     assert any(name.startswith("thrust") for name in shown)
     assert window.complaints == []

@@ -2,6 +2,7 @@
 
 import json
 
+import campaign
 import numpy as np
 import pytest
 from flight.failures import (
@@ -47,17 +48,13 @@ def simulated():
 
     def of(part, robot, time, duration):
         parameters = failure_parameters(DYNAMICS, part, robot, time)
-        return simulator.run(duration, parameters=parameters, progress=False)
+        return simulator.run(duration, parameters=parameters)
 
     return of
 
 
 @pytest.mark.parametrize(
-    ("robot", "start"),
-    [
-        (1, 1.0),
-        *(pytest.param(robot, 10.0, marks=pytest.mark.campaign) for robot in (1, 2, 3)),
-    ],
+    ("robot", "start"), [(1, 1.0), *(campaign.only(robot, 10.0) for robot in (1, 2, 3))]
 )
 def test_a_failed_base_is_isolated(simulated, robot, start):
     """A base fails under up to three newtons of thrust: it is isolated, and the mission continues."""
@@ -76,7 +73,7 @@ def test_a_failure_after_the_end_is_not_isolated(simulated):
     assert found["false alarms"] == 0
 
 
-@pytest.mark.parametrize("start", [0.3, pytest.param(30.0, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("start", [0.3, campaign.only(30.0)])
 def test_a_failed_robot_is_isolated_by_its_excitation(simulated, start):
     """Near rest and while coasting, its actuators have nothing else to do."""
     found = failure_metrics(simulated("robot", 2, start, start + 1.0))

@@ -6,6 +6,7 @@ import control
 import numpy as np
 import pytest
 from flight.sampled_loop import SampledLoop, spectral_radius
+from numpy.testing import assert_allclose
 
 from trussflow.blocks import (
     Diagram,
@@ -52,7 +53,7 @@ def test_poles_are_those_of_the_lifted_diagram(loop):
     exact = linearize(loop_diagram(), "plant.u", "plant.u").poles()
     poles = np.linalg.eigvals(loop.closed())
     found, expected = (np.sort_complex(z[np.abs(z) > 1e-9]) for z in (poles, exact))
-    np.testing.assert_allclose(found, expected, rtol=1e-8, atol=0)
+    assert_allclose(found, expected, rtol=1e-8, atol=0)
     assert spectral_radius(loop.closed()) < 1.0
 
 
@@ -65,7 +66,7 @@ def test_loop_gain_closed_is_the_loop(loop, where):
         law = loop.controller
         scaled = np.diag(gains) * law if where == "actuators" else law * np.diag(gains)
         expected = np.linalg.eigvals(replace(loop, controller=scaled).closed())
-        np.testing.assert_allclose(
+        assert_allclose(
             np.sort_complex(found), np.sort_complex(expected), rtol=1e-9, atol=1e-12
         )
     omega = frequencies_about(loop.continuous_poles(), 0.1, np.pi / H, 200)

@@ -85,8 +85,7 @@ def test_a_report_of_invented_numbers_cites_all_of_them(short, tmp_path):
 def test_paper_figures_of_short_runs(short, tmp_path):
     folder = short[1]
     result = check_run(
-        simulator(folder, "case1").run(0.1, progress=False),
-        mission("case1", folder).truss,
+        simulator(folder, "case1").run(0.1), mission("case1", folder).truss
     )
     text = draw_paper_figures(lambda _: result, tmp_path)
     assert [int(n) for n in re.findall(r"!\[Figure (\d+)\]", text)] == list(

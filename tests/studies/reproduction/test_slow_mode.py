@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
 from reproduction.instability import DAMPINGS, fitted_rate
 from reproduction.slow_mode import SLOW_BAND, limit_cycle
 from study_tools.stability import harmonic_gain, rightmost, stable_damping
+from systems import assert_near
 
 TIME = np.linspace(0.0, 10.0, 2001)
 ROUND_OFF = 1e-12  # of an eigenvector of length one, for an eigenvalue of 20
@@ -36,7 +36,7 @@ def test_poles_are_picked_by_frequency_and_growth():
     A[3:, 3:] = [[-0.05, 20.0], [-20.0, -0.05]]
     pole, shape = rightmost(A)
     assert pole == pytest.approx(-0.05 + 20j)
-    assert_allclose(A @ shape, pole * shape, rtol=0, atol=ROUND_OFF)
+    assert_near(A @ shape, pole * shape, ROUND_OFF)
     assert rightmost(A, *SLOW_BAND)[0] == pytest.approx(-0.1 + 2j)
 
 

@@ -5,7 +5,8 @@ from typing import Any
 import control
 import numpy as np
 import pytest
-from systems import ports
+from numpy.testing import assert_allclose
+from systems import assert_near, ports
 
 from trussflow.blocks import (
     Constant,
@@ -48,9 +49,9 @@ def test_of_a_linear_plant_the_response_matrix_is_that_of_linearize():
     )
     exact = linearize(masses()).frequency_response(found.omega)
     assert found.complex.shape == (3, 2, OMEGA.size)
-    np.testing.assert_allclose(found.complex, exact.complex, rtol=0, atol=1e-7)
+    assert_near(found.complex, exact.complex, 1e-7)
     # moved by half a line of five at most
-    np.testing.assert_allclose(found.omega, OMEGA, rtol=0.1, atol=0)
+    assert_allclose(found.omega, OMEGA, rtol=0.1, atol=0)
     assert found.standard_error.shape == (3, 2, OMEGA.size)
     assert found.standard_error.max() < 1e-7
     assert isinstance(found, control.FrequencyResponseData)
@@ -85,7 +86,7 @@ def test_of_a_sampled_loop_the_response_is_that_of_the_exact_discrete_model():
         realizations=2,
     )
     exact = linearize(sampled_loop()).frequency_response(found.omega)
-    np.testing.assert_allclose(found.complex, exact.complex, rtol=0, atol=1e-8)
+    assert_near(found.complex, exact.complex, 1e-8)
 
 
 def test_of_a_cube_the_estimate_is_the_best_linear_approximation():
@@ -148,7 +149,7 @@ def test_a_nonlinear_loop_around_its_trim_point_answers_as_its_linear_model(pend
         tolerance=1e-6,
     )
     exact = linearize(pendulum, *between, at=at).frequency_response(found.omega)
-    np.testing.assert_allclose(found.complex, exact.complex, rtol=0, atol=1e-4)
+    assert_near(found.complex, exact.complex, 1e-4)
     assert found.input_labels == ["law/y[0]", "inertia/u[0]"]
 
 
@@ -172,7 +173,7 @@ def test_a_loop_gain_follows_from_the_response_of_the_closed_loop():
     )
     T = -np.ravel(found.complex)
     loop = loop_transfer(diagram, plant.u).frequency_response(found.omega).complex
-    np.testing.assert_allclose(T / (1 - T), np.ravel(loop), rtol=1e-5, atol=0)
+    assert_allclose(T / (1 - T), np.ravel(loop), rtol=1e-5, atol=0)
     assert np.isnan(found.standard_error).all()  # one realization does not say
 
 
@@ -191,7 +192,7 @@ def test_a_held_signal_is_the_mean_of_as_many_delays_as_steps():
         diagram, "u", omega=[2.0, np.pi], amplitude=1.0, step=2e-3, realizations=1
     )
     expected = np.exp(-2e-3j * np.outer(np.arange(50), found.omega)).mean(axis=0)
-    np.testing.assert_allclose(found.complex[:, 0], [expected, 2 * expected], rtol=1e-9)
+    assert_allclose(found.complex[:, 0], [expected, 2 * expected], rtol=1e-9)
 
 
 def test_inputs_from_outside_keep_the_values_of_the_point_and_parameters_count():
@@ -212,7 +213,7 @@ def test_inputs_from_outside_keep_the_values_of_the_point_and_parameters_count()
         found = estimated_response(
             diagram, port, "y", omega=[1.0], amplitude=0.1, step=0.05, at=at
         )
-        np.testing.assert_allclose(found.complex[:, 0, 0], expected, rtol=0, atol=1e-9)
+        assert_near(found.complex[:, 0, 0], expected, 1e-9)
 
 
 @pytest.mark.parametrize(

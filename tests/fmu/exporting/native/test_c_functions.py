@@ -4,6 +4,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from trussflow.blocks import (
     BoundedAllocation,
@@ -41,7 +42,7 @@ def commands(block):
         diagram.connect(
             diagram.add(**{f"{name}_source": Constant(value)}).y, block.port(name)
         )
-    result = simulate(diagram, 3.0, step=0.05, backend="compiled", progress=False)
+    result = simulate(diagram, 3.0, step=0.05, backend="compiled")
     return np.asarray(result["block.command"].values)
 
 
@@ -51,7 +52,7 @@ def test_an_fmu_gives_the_same_bits(version, tmp_path):
         rate_bounded(), tmp_path / "allocation.fmu", step=0.05, version=version
     )
     own, imported = commands(rate_bounded()), commands(Fmu(path))
-    np.testing.assert_array_equal(imported, own)
+    assert_array_equal(imported, own)
     assert np.any(np.abs(own) == 1.0)
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
+from numpy.testing import assert_array_equal
 
 DISCARD, ERROR = 2, 3
 
@@ -72,7 +73,7 @@ def test_a_value_that_is_refused_changes_nothing(name, values, status, why, one)
     one.start()
     before = one.get()
     refused(one, f"cannot set {name} {why}", status, one.set, {name: values})
-    np.testing.assert_array_equal(one.get(), before)
+    assert_array_equal(one.get(), before)
     one.doStep(0.0, 0.1)
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from trussflow.blocks import Diagram, Noise, simulate
 from trussflow.fmu import export
@@ -20,7 +21,7 @@ def check_same(item, given, step, instance, folder, samples):
         if port.name not in given:
             diagram.ground(port)
     log = [f"item.{name}" for name in outputs] + [f"{name}.y" for name in given]
-    result = simulate(diagram, samples * step, step=step, log=log, progress=False)
+    result = simulate(diagram, samples * step, step=step, log=log)
     values = {
         name: result[f"{name}.y"].values + mean for name, (mean, _) in given.items()
     }
@@ -30,7 +31,7 @@ def check_same(item, given, step, instance, folder, samples):
         one.set({name: rows[k] for name, rows in values.items()})
         for name in outputs:
             expected = result[f"item.{name}"].values[k].ravel()
-            np.testing.assert_array_equal(one.get(name), expected)
+            assert_array_equal(one.get(name), expected)
         one.doStep(k * step, step)
 
 

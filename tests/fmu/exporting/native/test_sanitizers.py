@@ -83,9 +83,7 @@ def everything():
         ("everything", "2.0", 100),
         ("hybrid", "3.0", 100),
         *(
-            pytest.param(
-                name, version, 5000 * campaign.SIZE, marks=pytest.mark.campaign
-            )
+            campaign.only(name, version, 5000 * campaign.SIZE)
             for name in ("everything", "hybrid")
             for version in ("2.0", "3.0")
         ),

@@ -2,9 +2,11 @@
 
 from itertools import pairwise
 
+import campaign
 import numpy as np
 import pytest
 from fmpy import simulate_fmu
+from systems import assert_near
 
 from trussflow.blocks import Constant, Diagram, Integrator, Step, simulate
 
@@ -19,9 +21,7 @@ def in_process(block, value, duration, **log):
     diagram = Diagram("alone")
     block, held = diagram.add(block=block, held=Constant(value))
     held >> block.only_input()
-    return simulate(
-        diagram, duration, step=1e-3, backend="interpreted", progress=False, **log
-    )
+    return simulate(diagram, duration, step=1e-3, backend="interpreted", **log)
 
 
 def test_plant_co_simulation_equals_in_process_rk4(plant, plant_fmu, instance):
@@ -36,9 +36,7 @@ def test_plant_co_simulation_equals_in_process_rk4(plant, plant_fmu, instance):
     for port in plant.outputs():
         last = np.ravel(expected[f"block.{port.name}"][-1].values)
         scale = max(1.0, np.abs(last).max())
-        np.testing.assert_allclose(
-            one.get(port.name), last, rtol=0, atol=ROUND_OFF * scale, err_msg=port.name
-        )
+        assert_near(one.get(port.name), last, ROUND_OFF * scale, err_msg=port.name)
 
 
 def update(one):
@@ -54,9 +52,7 @@ def test_communication_steps_do_not_matter(step, version, exported, instance, sy
         {"force": [0.3, 0.0]}
     )
     one.step(0, round(1.0 / step), step)
-    np.testing.assert_allclose(
-        one.get("position"), expected["block.position"][-1], rtol=0, atol=1e-13
-    )
+    assert_near(one.get("position"), expected["block.position"][-1], 1e-13)
 
 
 def test_steps_off_the_grid_keep_the_order_of_the_method(exported, instance, systems):
@@ -64,7 +60,7 @@ def test_steps_off_the_grid_keep_the_order_of_the_method(exported, instance, sys
     exact = in_process(systems.Oscillator(2), np.zeros(2), 1.0)["block.position"][-1]
     for begin, end in pairwise([0.0, 0.013, 0.07, 0.5, 0.5001, 0.93, 1.0]):
         one.doStep(begin, end - begin)
-    np.testing.assert_allclose(one.get("position"), exact, rtol=0, atol=2e-6)
+    assert_near(one.get("position"), exact, 2e-6)
 
 
 def hybrid_in_process(systems, duration):
@@ -84,7 +80,7 @@ def test_sampled_blocks_tick_inside_co_simulation(version, exported, instance, s
     for begin, end in pairwise([*times, times[-1] + 5e-3]):
         found.append(one.get("position", "held", "force"))
         one.doStep(begin, end - begin)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)
+    assert_near(found, expected, 1e-11)
 
 
 @versions
@@ -106,9 +102,7 @@ def test_sampled_blocks_tick_as_time_events_of_model_exchange(
     )
     times, expected = hybrid_in_process(systems, 1.0)
     found = {round(float(row["time"]), 6): np.ravel(row[name])[0] for row in result}
-    np.testing.assert_allclose(
-        [found[round(float(t), 6)] for t in times], expected[:, 0], rtol=0, atol=2e-7
-    )
+    assert_near([found[round(float(t), 6)] for t in times], expected[:, 0], 2e-7)
 
 
 @pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
@@ -127,8 +121,7 @@ def test_a_block_without_states(version, kind, exported, systems):
 
 
 @pytest.mark.parametrize(
-    ("steps", "error"),
-    [(1000, 1e-12), pytest.param(100_000, 0.0, marks=pytest.mark.campaign)],
+    ("steps", "error"), [(1000, 1e-12), campaign.only(100_000, 0.0)]
 )
 def test_many_steps_added_up_stay_on_the_grid(
     steps, error, exported, instance, systems
@@ -140,7 +133,7 @@ def test_many_steps_added_up_stay_on_the_grid(
     for _ in range(steps):
         one.doStep(time, 0.001)
         time += 0.001 + error
-    np.testing.assert_allclose(one.get("position"), expected, rtol=0, atol=1e-12)
+    assert_near(one.get("position"), expected, 1e-12)
 
 
 def test_a_run_may_start_at_any_time(exported, instance, systems):

@@ -5,9 +5,11 @@ import shutil
 import sys
 from collections import Counter
 
+import campaign
 import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
+from numpy.testing import assert_array_equal
 
 from trussflow.blocks import Block, Input, Output, State
 
@@ -27,7 +29,7 @@ class Growth(Block):
         return {"x": u.u * np.exp(2.0 * x.x)}
 
 
-@pytest.mark.parametrize("number", [5, pytest.param(50, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("number", [5, campaign.only(50)])
 def test_many_instances_at_once_do_not_mix(number, loop_fmu, instance):
     """Stepped in turns, each is as if it were alone."""
     goals = np.linspace(-1.0, 1.0, number)
@@ -42,7 +44,7 @@ def test_many_instances_at_once_do_not_mix(number, loop_fmu, instance):
             .start({"goal[1]": goals[i]})
             .step(0, 10, COMMUNICATION_STEP)[-1]
         )
-        np.testing.assert_array_equal(ends[i], alone)
+        assert_array_equal(ends[i], alone)
     assert len(np.unique(ends, axis=0)) == number
     assert "".join(one.errors for one in many) == ""
 
@@ -78,7 +80,7 @@ def test_unpacked_files_may_be_deleted(loop_fmu, instance, tmp_path):
     first.free()
     shutil.rmtree(first.folder)
     again = instance(shutil.copy(loop_fmu, tmp_path / "again.fmu")).start()
-    np.testing.assert_array_equal(again.step(0, 5, COMMUNICATION_STEP), expected)
+    assert_array_equal(again.step(0, 5, COMMUNICATION_STEP), expected)
 
 
 def test_after_a_failed_step_only_restoring_or_reset_help(export, instance):

@@ -4,6 +4,7 @@ import importlib.util
 import sys
 import zipfile
 
+import campaign
 import casadi as ca
 import numpy as np
 import pytest
@@ -64,9 +65,7 @@ def plants(tmp_path, export, monkeypatch):
     return exported
 
 
-@pytest.mark.parametrize(
-    "attribute", ["python", pytest.param("Plant", marks=pytest.mark.campaign)]
-)
+@pytest.mark.parametrize("attribute", ["python", campaign.only("Plant")])
 def test_two_fmus_of_scripts_of_one_name(plants, instance, attribute):
     first, second = (instance(fmu).start({"u": 2.0}) for fmu in plants(attribute))
     for one in (first, second):

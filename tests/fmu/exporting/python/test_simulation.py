@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
-from systems import PythonBall, ports
+from numpy.testing import assert_allclose, assert_array_equal
+from systems import PythonBall, assert_near, ports
 
 from trussflow.blocks import (
     Constant,
@@ -44,7 +45,7 @@ def test_stepped_fmu_equals_the_diagram_in_this_process(loop_fmu, instance, make
                 np.concatenate([v.ravel() for v in session.outputs.values()])
             )
     assert np.ptp(expected, axis=0).min() > 1e-3
-    np.testing.assert_allclose(found, expected, rtol=0, atol=AGREEMENT_TOLERANCE)
+    assert_near(found, expected, AGREEMENT_TOLERANCE)
     assert one.errors == ""
 
 
@@ -65,7 +66,7 @@ def test_points_off_the_grid(loop_fmu, instance):
         one.step(0, number, length)
         ends.append(one.get("angle", "time"))
         assert one.errors == ""
-    np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-9)
+    assert_near(ends[1], ends[0], 1e-9)
 
 
 def test_both_kinds_of_fmu_give_the_same(make_loop, tmp_path, instance):
@@ -83,15 +84,15 @@ def test_both_kinds_of_fmu_give_the_same(make_loop, tmp_path, instance):
             rows.append(one.get())
         ends.append((list(one.references), rows))
     assert ends[0][0] == ends[1][0]
-    np.testing.assert_allclose(ends[1][1], ends[0][1], rtol=0, atol=AGREEMENT_TOLERANCE)
+    assert_near(ends[1][1], ends[0][1], AGREEMENT_TOLERANCE)
 
 
 def test_states_derivatives_and_parameters_can_be_read(loop_fmu, instance):
     one = instance(loop_fmu).start({"plant.v[2]": 0.5, "goal[1]": 1.0})
     # from the parameter `release`
-    np.testing.assert_array_equal(one.get("plant.q"), [0.3, -0.2])
-    np.testing.assert_array_equal(one.get("plant.v"), [0.0, 0.5])
-    np.testing.assert_array_equal(one.get("der(plant.q)"), [0.0, 0.5])
+    assert_array_equal(one.get("plant.q"), [0.3, -0.2])
+    assert_array_equal(one.get("plant.v"), [0.0, 0.5])
+    assert_array_equal(one.get("der(plant.q)"), [0.0, 0.5])
     assert one.get("plant.stiffness", "goal[1]", "time").tolist() == [7.0, 1.0, 0.0]
     one.step(0, 3, COMMUNICATION_STEP)
     assert one.get("time") == 3 * COMMUNICATION_STEP
@@ -107,9 +108,7 @@ def test_outputs_follow_inputs_and_tuned_parameters_at_once(loop_fmu, instance):
     angle, total = one.get("angle[1]"), one.get("torque[1]") + 2 * one.get("angle[1]")
     for gain, goal in ((2.0, 1.0), (3.0, 1.0), (3.0, -2.0)):
         one.set({"law.gain": gain, "goal[1]": goal})
-        np.testing.assert_allclose(
-            one.get("torque[1]"), gain * (goal - angle) + total, rtol=1e-12
-        )
+        assert_allclose(one.get("torque[1]"), gain * (goal - angle) + total, rtol=1e-12)
     assert one.errors == ""
 
 
@@ -126,7 +125,7 @@ def test_start_time_is_the_time_of_the_equations(export, instance):
         for length in (0.1234567, np.pi / 7, 1 / 3):
             one.doStep(time, length)
             time += length
-        np.testing.assert_allclose(one.get("y"), 1.0 - np.exp(-(time - 0.3)), rtol=1e-7)
+        assert_allclose(one.get("y"), 1.0 - np.exp(-(time - 0.3)), rtol=1e-7)
         assert one.get("time") == pytest.approx(time, rel=1e-14)
 
 
@@ -138,7 +137,7 @@ def test_python_block_with_events_is_an_fmu_too(export, instance):
     assert one.errors == ""
     time, speed = 0.6 - np.sqrt(0.2), np.sqrt(5.0)
     exact = [speed * time - 5 * time**2, speed - 10 * time]
-    np.testing.assert_allclose(one.get("height", "speed"), exact, rtol=0, atol=1e-9)
+    assert_near(one.get("height", "speed"), exact, 1e-9)
 
 
 def test_function_of_a_script_needs_nothing_of_it(export, instance):
@@ -158,5 +157,5 @@ def test_function_of_a_script_needs_nothing_of_it(export, instance):
     for k in range(3):
         # at the start too, and at each instant from the inputs of that time
         one.set({"u[1]": 3.0 + k})
-        np.testing.assert_array_equal(one.get("y"), [(3.0 + k) ** 2 + 0.25, 40.25])
+        assert_array_equal(one.get("y"), [(3.0 + k) ** 2 + 0.25, 40.25])
         one.doStep(k * 0.01, 0.01)

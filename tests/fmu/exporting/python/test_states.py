@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from fmpy import read_model_description
 from fmpy.fmi1 import FMICallException
+from numpy.testing import assert_array_equal
 from systems import ports
 
 from trussflow.blocks import PythonFunction
@@ -26,7 +27,7 @@ def test_restored_run_is_the_same_to_the_bit(loop_fmu, instance):
         back = again.deserializeFMUState(content) if as_bytes else state
         again.setFMUState(back)
         assert again.get("time") == 7 * COMMUNICATION_STEP
-        np.testing.assert_array_equal(again.step(7, 17, COMMUNICATION_STEP), first)
+        assert_array_equal(again.step(7, 17, COMMUNICATION_STEP), first)
         if as_bytes:
             again.freeFMUState(back)
     one.freeFMUState(state)
@@ -42,7 +43,7 @@ def test_state_before_the_initialization(loop_fmu, instance):
     assert one.get("plant.q[1]") == 0.7
     first = one.step(0, 5, COMMUNICATION_STEP)
     one.setFMUState(state)
-    np.testing.assert_array_equal(
+    assert_array_equal(
         one.start({"plant.v[1]": 0.0}).step(0, 5, COMMUNICATION_STEP), first
     )
     assert one.errors == ""
@@ -53,7 +54,7 @@ def test_reset_is_a_new_beginning(loop_fmu, instance):
     one.step(0, 5, COMMUNICATION_STEP)
     one.reset()
     fresh = instance(loop_fmu).start()
-    np.testing.assert_array_equal(
+    assert_array_equal(
         one.start().step(0, 10, COMMUNICATION_STEP),
         fresh.step(0, 10, COMMUNICATION_STEP),
     )
