@@ -12,6 +12,7 @@ from trussflow.blocks.errors import BlockError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
 from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.symbol import Symbol
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.piecewise import limited
 from trussflow.blocks.support.types import Array
@@ -108,6 +109,8 @@ class WeightedAllocation(Allocation):
     Flexible Truss by Four Space Robots*, eq. (64).
     """
 
+    _symbol = Symbol("min Q^(T)W Q\nP Q = u")
+
     def __init__(
         self,
         demands: int,
@@ -175,6 +178,7 @@ class BoundedAllocation(Allocation):
     Control, and Dynamics 25 (4), 703-711. The algorithm is that of `bounded_least_squares`.
     """
 
+    _symbol = Symbol("min ‖P Q − u‖\nl ≤ Q ≤ h")
     spread = Input(("demands", "demands"), meaning="G: errors count by its inverse")
     preferred = Input(
         "actuators",

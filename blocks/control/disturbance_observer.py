@@ -7,6 +7,7 @@ import numpy.typing as npt
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.port import INFERRED, Input, Output
+from trussflow.blocks.framework.symbol import Symbol
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.signals import (
     ACCELERATION_UNIT,
@@ -58,6 +59,7 @@ class DisturbanceObserver(Shaped):
     )
     z = State(INFERRED, meaning="estimate less gain times velocity")
     gain = Parameter(shape=None, above=0.0, unit="1/s", meaning="L: bandwidth")
+    _symbol = Symbol("z + {gain:L} v\nż = −{gain:L} (z + {gain:L} v + a)")
 
     def __init__(
         self, gain: npt.ArrayLike, *, unit: Unit = None, shape: ShapeLike = None

@@ -19,6 +19,7 @@ from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.clock import exact, ticks
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
 from trussflow.blocks.framework.port import Input, Output, Port
+from trussflow.blocks.framework.symbol import Symbol
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.signals import finite
 from trussflow.blocks.linear_analysis.references import label_places
@@ -58,6 +59,7 @@ class Filter(Block):
         If a delay is no multiple of the sample time.
     """
 
+    _symbol = Symbol("x̄ + K (y − ȳ)")
     measurement = Input(
         "measurements",
         unit=Attribute("measurement_unit"),

@@ -8,6 +8,7 @@ from trussflow.blocks.control.tracking import Tracking, errors
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
 from trussflow.blocks.framework.port import INFERRED, Output
+from trussflow.blocks.framework.symbol import Symbol
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.signals import ShapeLike
 from trussflow.blocks.support.types import Array
@@ -40,6 +41,7 @@ class PD(Tracking):
     force = Output(INFERRED, unit=Attribute("force_unit"), meaning="commanded force")
     proportional_gain = Parameter(shape=None, minimum=0.0, meaning="k_p")
     derivative_gain = Parameter(shape=None, minimum=0.0, meaning="k_d")
+    _symbol = Symbol("−{proportional_gain:k_p} e − {derivative_gain:k_d} ė")
 
     def __init__(
         self,

@@ -55,7 +55,6 @@ class PIDLaw(Shaped):
     reference_weight = Parameter(shape=None, meaning="b")
     reference_rate_weight = Parameter(shape=None, meaning="c")
     first_output = Parameter(shape=None, meaning="first output, if start is given")
-    _symbol = Symbol("{kp} + {ki}/s + {kd} s", caption="{lower} to {upper}")
 
     def __init__(
         self,
@@ -108,6 +107,12 @@ class PIDLaw(Shaped):
             reference_rate_weight=reference_rate_weight,
             first_output=0.0 if start is None else start,
         )
+
+    @property
+    def _symbol(self) -> Symbol:
+        parts = {"kp": "{kp}", "ki": "{ki}/s", "kd": "{kd} s"}
+        used = [parts[name] for name in parts if np.any(self.parameters[name])]
+        return Symbol(" + ".join(used) or "0", caption="{lower} to {upper}")
 
     def _gain(self, p: Signals) -> Array:
         """Return how fast the filter follows [1/s]."""

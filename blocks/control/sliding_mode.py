@@ -14,6 +14,7 @@ from trussflow.blocks.control.tracking import Tracking, errors
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.port import INFERRED, Input, Output
+from trussflow.blocks.framework.symbol import Symbol
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.piecewise import limited
 from trussflow.blocks.library.signals import ACCELERATION_UNIT, VELOCITY_UNIT, ShapeLike
@@ -151,6 +152,7 @@ class IntegralSlidingMode(SlidingMode):
         shape=None, minimum=0.0, unit="1/s", meaning="σ: linear reaching gain"
     )
     boundary_layer = Parameter(above=0.0, meaning="ι: boundary layer")
+    _symbol = Symbol("ẍ_d − γ sgn^(β)ė − μ sgn^(β′)e\n− η s/‖s‖ − σ s")
 
     def __init__(
         self,
@@ -234,6 +236,7 @@ class ConventionalSlidingMode(SlidingMode):
     )
     eta = Parameter(shape=None, minimum=0.0, meaning="η: switching gain")
     boundary_layer = Parameter(shape=None, minimum=0.0, meaning="ι: boundary layer")
+    _symbol = Symbol("ẍ_d − {slope:λ} ė − {eta:η} sgn(s)\ns = ė + {slope:λ} e")
 
     def __init__(
         self,

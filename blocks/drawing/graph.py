@@ -10,7 +10,7 @@ Point = tuple[float, float]
 Span = tuple[list[float], list[float], float, float]
 """Heights of the left and right pins of a rail, and of its upper and lower end."""
 
-JUNCTION_SIZE = 26.0
+JUNCTION_SIZE = 30.0
 """Diameter of a junction [px]."""
 
 JUNCTION_LEAD = 14.0

@@ -1,7 +1,8 @@
-"""Page of a diagram: the picture with zoom, groups that open, search, and charts of a result."""
+"""Page of a diagram: the picture with zoom, groups that open in their boxes, search, and charts of a result."""
 
 from __future__ import annotations
 
+from functools import partial
 from html import escape
 from string import Template
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ import numpy as np
 from trussflow.blocks.drawing.svg import svg_of
 from trussflow.blocks.errors import DiagramError
 from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.results.conversions import signals_of
 from trussflow.blocks.support.texts import package_text, script_json
 
 if TYPE_CHECKING:
@@ -20,46 +22,53 @@ MAX_INSTANTS, MAX_LINES = 600, 8
 """Largest numbers of instants and of elements of a signal in its chart."""
 
 
-def page_of(diagram: Diagram, result: xr.Dataset | None = None) -> str:
-    """Return the HTML text of a page with the picture of a `diagram`.
+def page_of(diagram: Diagram, picture: str, result: xr.Dataset | None = None) -> str:
+    """Return the HTML text of a page with the picture of a diagram, and those of its nested diagrams.
 
     Parameters
     ----------
     diagram : Diagram
         The diagram.
+    picture : str
+        Its picture, as SVG.
     result : xarray.Dataset, optional
         Result of a run; a click on a wire shows the chart of its signal.
 
     Raises
     ------
+    SimulationError
+        If the result is none.
     DiagramError
         If the result has no signal of the diagram.
     """
     data: dict[str, Any] = {"time": [], "signals": {}}
     if result is not None:
-        count = min(MAX_INSTANTS, result.sizes["time"])
-        instants = np.linspace(0, result.sizes["time"] - 1, count).round().astype(int)
-        shown = result.isel(time=instants)
-        data["time"] = _numbers(shown["time"].to_numpy())
+        found = signals_of(result, "draw")
         ports = {port.path for block in diagram.within() for port in block.outputs()}
-        for path in sorted(ports & {*map(str, result)}):
-            values = shown[path]
-            rows = values.to_numpy().reshape(count, -1)[:, :MAX_LINES].T
-            unit = values.attrs.get("units", "")
-            data["signals"][path] = {"unit": unit, "lines": [*map(_numbers, rows)]}
-        if not data["signals"]:
+        if not (paths := sorted(ports & {*map(str, found)})):
             raise DiagramError(
                 f"the result has no signal of diagram '{diagram.name}'; give the result of its own run"
             )
-    page, script, chart = (
-        package_text(name, "trussflow.blocks")
-        for name in ("drawing/page.html", "drawing/page.js", "live/chart.js")
-    )
-    return Template(page).substitute(
+        count = min(MAX_INSTANTS, found.sizes["time"])
+        instants = np.linspace(0, found.sizes["time"] - 1, count).round().astype(int)
+        shown = found[paths].isel(time=instants)
+        data["time"] = _numbers(shown["time"].to_numpy())
+        for path, values in shown.items():
+            rows = values.to_numpy().reshape(count, -1)[:, :MAX_LINES].T
+            unit = values.attrs.get("units", "")
+            data["signals"][path] = {"unit": unit, "lines": [*map(_numbers, rows)]}
+    text = partial(package_text, package="trussflow.blocks")
+    return Template(text("drawing/page.html")).substitute(
         title=escape(diagram.name),
-        picture=svg_of(diagram, nested=True),
+        style=text("live/base.css"),
+        picture=picture,
+        groups="".join(
+            f'<div data-path="{escape(each.path)}">{svg_of(each)}</div>'
+            for each in diagram.within()
+            if isinstance(each, Diagram)
+        ),
         data=script_json(data),
-        script=chart + script,
+        script=text("live/chart.js") + text("drawing/page.js"),
     )
 
 

@@ -15,11 +15,13 @@ from trussflow.blocks.drawing.graph import (
     Pin,
 )
 from trussflow.blocks.drawing.layout import PIN_PITCH, layout
+from trussflow.blocks.errors import DiagramError
 from trussflow.blocks.framework.arithmetic import Operation, Sum
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.symbol import Symbol
+from trussflow.blocks.support.validation import shown
 
 LETTER_WIDTH = 6.7
 """Width of a letter of 11 px in a font of equal widths [px]."""
@@ -40,7 +42,7 @@ MAX_NAME_LENGTH = 28
 """Largest number of letters of a name; the tooltip has the complete name."""
 
 MAX_FREE_PORTS = 2
-"""Largest number of unused ports that a block without symbol shows."""
+"""Largest number of unused ports that a block shows."""
 
 RAISED = re.compile(r"\^\((.*?)\)")
 """Pattern of superscripts."""
@@ -171,7 +173,7 @@ def shown_rows(
 ) -> list[list[Row]]:
     """Return the rows that are drawn.
 
-    Text, curve or signs replace the name of a single input or output. Without them, many unused ports are not drawn.
+    Text, curve or signs replace the name of a single input or output. Many unused ports are not drawn.
 
     Parameters
     ----------
@@ -185,28 +187,22 @@ def shown_rows(
         Paths of the connected outputs.
     """
     sides = rows(diagram, block)
-    if symbol.text or symbol.curve or symbol.pins:
-        signs = dict(zip(block.inputs(), symbol.pins, strict=False))
-        return [
-            [
-                replace(
-                    row,
-                    name=signs.get(
-                        row.port,
-                        row.name * (len(side) > 1 and symbol.outline != "circle"),
-                    ),
-                )
-                for row in side
-            ]
-            for side in sides
-        ]
     free = [
         row
         for row in (*sides[0], *sides[1])
         if not (row.key or row.note or row.port.path in used)
     ]
     hidden = free if len(free) > MAX_FREE_PORTS else []
-    return [[row for row in side if row not in hidden] for side in sides]
+    shown = [[row for row in side if row not in hidden] for side in sides]
+    if not (symbol.text or symbol.curve or symbol.pins):
+        return shown
+    signs = dict(zip(block.inputs(), symbol.pins, strict=False))
+    for side in shown:
+        named = len(side) > 1 and symbol.outline != "circle"
+        side[:] = [
+            replace(row, name=signs.get(row.port, row.name * named)) for row in side
+        ]
+    return shown
 
 
 def figure_of(block: Block, symbol: Symbol, sides: list[list[Row]]) -> Figure:
@@ -256,6 +252,11 @@ def scene_of(diagram: Diagram) -> Scene:
     ends = [wire.source for wire in diagram.wires if wire.source is not None]
     used = {port.path for inner in (ends, *diagram.exposed.values()) for port in inner}
     for block in diagram.blocks.values():
+        if not isinstance(block._symbol, Symbol):
+            raise DiagramError(
+                f"cannot draw block '{block.path}': _symbol of {type(block).__name__} must be a Symbol, "
+                f"not {shown(block._symbol)}; write _symbol = Symbol(...)"
+            )
         symbol = block._symbol.of(block)
         sides = shown_rows(diagram, block, symbol, used)
         figure = figure_of(block, symbol, sides)

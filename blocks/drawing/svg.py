@@ -44,8 +44,8 @@ PICTURE_MARGIN = 12
 """Margin around the picture [px]."""
 
 
-def svg_of(diagram: Diagram, *, nested: bool = False) -> str:
-    """Return the picture of a `diagram`: each nested diagram is one block, and contains its own if `nested`."""
+def svg_of(diagram: Diagram) -> str:
+    """Return the picture of a `diagram`: each nested diagram is one block."""
     scene = scene_of(diagram)
     style = package_text("picture.css", "trussflow.blocks.drawing")
     rates = {
@@ -72,8 +72,8 @@ def svg_of(diagram: Diagram, *, nested: bool = False) -> str:
         f'viewBox="0 0 {width:g} {height:g}"><title>{escape(diagram.name)}</title><style>{style}</style>{ARROWHEAD}'
         f'<rect class="paper" width="{width:g}" height="{height:g}"/>'
         f'<g transform="translate({PICTURE_MARGIN},{PICTURE_MARGIN})">'
-        f"{''.join(view(scene, colour, nested))}</g>"
-        f'<g class="keys" transform="translate(0,{y:g})">{keys}</g></svg>\n'
+        f"{''.join(view(scene, colour))}</g>"
+        f'<g transform="translate(0,{y:g})">{keys}</g></svg>\n'
     )
 
 
@@ -87,19 +87,8 @@ def clocks_of(block: Block) -> set[Clock]:
     return {Clock.of(leaf) for leaf in leaves(block) if leaf.sample_time is not None}
 
 
-def view(scene: Scene, colour: Callable[[Block], str], nested: bool) -> Iterator[str]:
-    """Yield the SVG elements of a `scene`.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-    colour : callable
-        Returns the class of a block in the style sheet.
-    nested : bool
-        Whether nested diagrams contain their own elements.
-    """
-    yield f'<g class="view" data-size="{scene.width:g} {scene.height:g}">'
+def view(scene: Scene, colour: Callable[[Block], str]) -> Iterator[str]:
+    """Yield the SVG elements of a `scene`; `colour` returns the class of a block in the style sheet."""
     for net, source in scene.wires:
         lines = ["M" + "L".join(f"{x:g} {y:g}" for x, y in p) for p in net.paths]
         # Lines of no length with round ends are dots.
@@ -112,24 +101,17 @@ def view(scene: Scene, colour: Callable[[Block], str], nested: bool) -> Iterator
         yield "</g>"
     texts = {pin: row for row, pin in scene.pins}
     for figure in scene.figures:
-        box, pins = figure.box, [*figure.box.sides[0], *figure.box.sides[1]]
-        # The page moves a block with one row of pins by that row, and stretches others.
-        rows = {pin.dy for pin in pins if not pin.entry}
-        row = rows.pop() if len(rows) == 1 else ""
-        place = f"{box.x:g} {box.y:g} {box.width:g} {box.height:g} {row}"
-        yield f'<g class="block" data-path="{escape(figure.block.path)}" data-place="{place}" '
+        box = figure.box
+        yield f'<g class="block" data-path="{escape(figure.block.path)}" '
         yield f'transform="translate({box.x:g},{box.y:g})"><title>{escape(hover(figure.block))}</title>'
         yield from outlined(figure, f"box {colour(figure.block)}")
         yield from inscribed(figure)
-        for pin in pins:
+        for pin in (*box.sides[0], *box.sides[1]):
             yield from labelled(texts[pin], pin, box)
-        if nested and isinstance(figure.block, Diagram):
-            yield from view(scene_of(figure.block), colour, nested)
         yield "</g>"
     for box in scene.edges:
         for pin in (*box.sides[0], *box.sides[1]):
             yield from labelled(texts[pin], pin)
-    yield "</g>"
 
 
 def labelled(row: Row, pin: Pin, box: Box | None = None) -> Iterator[str]:
@@ -141,11 +123,10 @@ def labelled(row: Row, pin: Pin, box: Box | None = None) -> Iterator[str]:
     x, end = (x - 6, ' class="end"') if pin.side else (x + 6, "")
     if pin.box.junction:
         # Signs are in the circle, next to the ends of the wires.
-        x = JUNCTION_SIZE / 2 - 3 if pin.entry else 3.0
+        x = JUNCTION_SIZE / 2 - 2 if pin.entry else 3.5
         y = pin.box.height / 2 + pin.entry * 7 if pin.entry else y
     if row.name:
-        port = f'data-port="{escape(row.port.path)}"'
-        yield f'<text{end} {port} x="{x:g}" y="{y:g}" dy="4">{title(row.port)}{escape(row.name)}</text>'
+        yield f'<text{end} x="{x:g}" y="{y:g}" dy="4">{title(row.port)}{escape(row.name)}</text>'
 
 
 def hover(block: Block) -> str:

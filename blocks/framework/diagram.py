@@ -374,7 +374,11 @@ class Diagram(Netlist):
             raise DiagramError(
                 f"{cannot} '{path}': pictures are SVG, pages HTML; name the file .svg or .html"
             )
-        text = self._artists[suffix](self, result) if suffix == ".html" else picture
+        text = (
+            self._artists[suffix](self, picture, result)
+            if suffix == ".html"
+            else picture
+        )
         try:
             # Atomic: an interrupted call leaves the old file.
             with replaced(path) as partial:

@@ -74,11 +74,15 @@ class Symbol:
             write: Any = polynomial if form in {"s", "z"} else value_text
             return str(write(value, form))
 
-        caption = FIELD.sub(shown, self.caption).strip()
+        # a negative term of a sum is subtracted
+        text, caption = (
+            FIELD.sub(shown, each).strip().replace("+ −", "− ")
+            for each in (self.text, self.caption)
+        )
         values = set(re.findall(r"\b[\d.]+|∞", caption))
         return replace(
             self,
-            text=FIELD.sub(shown, self.text).strip(),
+            text=text,
             caption="" if values and values <= {"0", "∞"} else caption,
         )
 

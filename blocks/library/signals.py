@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
+import linecache
+import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -23,7 +26,7 @@ ShapeLike = int | tuple[int, ...] | None
 """A size, a shape, or None for a shape inferred from the wires."""
 
 MAX_CALL_LENGTH = 36
-"""Largest number of letters of a call in a symbol."""
+"""Largest number of letters of an expression or a call in a symbol."""
 
 
 class Shaped(Block):
@@ -184,9 +187,11 @@ class WrappedFunction(Block):
     @property
     def _symbol(self) -> Symbol:
         name = getattr(self._function, "__name__", "f").replace("<lambda>", "f")
-        text = f"{name}({', '.join(port.name for port in self.inputs())})"
-        short = len(text) <= MAX_CALL_LENGTH
-        return Symbol(text if short else f"{name[:MAX_CALL_LENGTH]}(…)")
+        call = f"{name}({', '.join(port.name for port in self.inputs())})"
+        for text in (_expression(self._function), call):
+            if 0 < len(text) <= MAX_CALL_LENGTH:
+                return Symbol(text)
+        return Symbol(f"{name[:MAX_CALL_LENGTH]}(…)")
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the results of the function by output."""
@@ -216,6 +221,32 @@ def _described(function: Callable[..., Any]) -> str:
     return (
         name if code is None else f"{name} ({code.co_filename}:{code.co_firstlineno})"
     )
+
+
+def _expression(function: Callable[..., Any]) -> str:
+    """Return the expression of a lambda, or of a function of one line; empty if it has another form."""
+    code = getattr(function, "__code__", None)
+    lines = linecache.getlines(code.co_filename) if code else []
+    try:
+        nodes = [*ast.walk(ast.parse("".join(lines)))]
+    except SyntaxError:
+        return ""
+    found = []
+    for node in nodes:
+        if isinstance(node, ast.Lambda):
+            line, body = node.lineno, node.body
+        elif isinstance(node, ast.FunctionDef) and isinstance(node.body[-1], ast.Return):
+            has_text = ast.get_docstring(node) is not None
+            line = min(each.lineno for each in (node, *node.decorator_list))
+            body = node.body[-1].value if len(node.body) == 1 + has_text else None
+        else:
+            continue
+        if body is not None and code and line == code.co_firstlineno:
+            found.append(ast.unparse(body))
+    if len(found) != 1:
+        return ""
+    text = found[0].replace("np.", "").replace("-", "−").replace(" * ", " ")
+    return re.sub(r" \*\* (\w+)", r"^(\1)", text)
 
 
 def structural(

@@ -45,6 +45,8 @@ function indexOf(values, wanted) {
   return low;
 }
 
+const $ = (id) => document.getElementById(id);
+
 function element(tag, className = "", text = "") {
   const made = document.createElement(tag);
   made.className = className;

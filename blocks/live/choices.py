@@ -165,14 +165,18 @@ def _range(
     name: str, value: float, declared: Parameter, ends: Ends | None
 ) -> tuple[float, float, bool]:
     """Return the ends of a slider, and whether its scale is logarithmic."""
-    bounds = declared.bounds
+    bounds, is_finite = declared.bounds, abs(value) < MAX_CONTROL_VALUE
     if ends is not None:
         low, high = finite_array(f"the range of '{name}'", ends, (2,)).tolist()
-        if not low <= value <= high or low == high:
+        if (is_finite and not low <= value <= high) or low == high:
             raise SimulationError(
                 f"the range {low:g} to {high:g} of parameter '{name}' must contain its value {value:g}"
             )
         return low, high, low > 0.0 and high / low >= RANGE_FACTOR**3
+    if not is_finite:
+        raise SimulationError(
+            f"parameter '{name}' is infinite; give the ends of its slider: parameters={{'{name}': (low, high)}}"
+        )
     least = bounds.get("at least", bounds.get("above", -np.inf))
     most = bounds.get("at most", bounds.get("below", np.inf))
     if np.isfinite(most - least):

@@ -1,7 +1,6 @@
 // The page: sliders ask the worker for runs, and charts, metrics and panels show the latest one.
 
 const data = JSON.parse(document.getElementById("data").textContent);
-const $ = (id) => document.getElementById(id);
 const seconds = data.tick[0] / data.tick[1];
 const bytesOf = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
 const defaults = new Float64Array(bytesOf(data.numbers).buffer).slice(0, data.sizes[0]);

@@ -30,7 +30,6 @@ from trussflow.blocks.live.choices import (
 from trussflow.blocks.live.loop import loop_of
 from trussflow.blocks.results.channels import Chosen, chosen_channels
 from trussflow.blocks.simulation.prepared import Prepared
-from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.simulation.solver import FIXED_STEP, Solver
 from trussflow.blocks.simulation.step_size_warnings import warn_of_missed_jumps
 from trussflow.blocks.support.files import replaced
@@ -146,17 +145,10 @@ def server_of(diagram: Diagram, **settings: Any) -> LiveServer:
             "a served page has no poles and Bode plot; leave out at=, or give a file to write"
         )
     page = contents(diagram, is_served=True, **settings)
-    prepared = page.prepared
-    session = Session(
-        diagram,
-        outputs={c.name: c.port for c in prepared.channels},
-        step=prepared.solver.step,
-        solver=prepared.solver.solver,
-    )
     return LiveServer(
-        session,
+        page.prepared,
         html(page, None).encode(),
-        page.data["every"] * prepared.tick,
+        page.data["every"] * page.prepared.tick,
         pace=page.data["pace"],
     )
 
@@ -317,7 +309,7 @@ def html(page: Contents, module: bytes | None) -> str:
     return Template(text("page.html")).substitute(
         title=escape(page.data["name"]),
         connect="" if module else "connect-src 'self'",
-        style=text("chart.css") + text("page.css"),
+        style=text("base.css") + text("page.css"),
         # A script ends at "</script", also in a string.
         panels="".join(
             f"<script>{panel.script.replace('</', '<' + chr(92) + '/')}</script>\n"

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from trussflow.blocks.errors import SimulationError
+from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.support.types import Vector
 
@@ -36,8 +37,8 @@ class LiveServer(ThreadingHTTPServer):
 
     Parameters
     ----------
-    session : Session
-        Session whose twins compute the runs.
+    prepared : Prepared
+        The prepared diagram, whose channels are the outputs.
     page : bytes
         The page.
     log_step : fractions.Fraction
@@ -50,7 +51,7 @@ class LiveServer(ThreadingHTTPServer):
 
     def __init__(
         self,
-        session: Session,
+        prepared: Prepared,
         page: bytes,
         log_step: Fraction,
         *,
@@ -58,7 +59,7 @@ class LiveServer(ThreadingHTTPServer):
     ) -> None:
         # port 0: any free one
         super().__init__(("127.0.0.1", 0), _Handler)
-        self.session = session
+        self.prepared = prepared
         self.page = page
         self.log_step = log_step
         self.pace = pace
@@ -74,9 +75,8 @@ class LiveServer(ThreadingHTTPServer):
     def until_interrupted(self) -> None:
         """Print the address, open it in the browser, and serve until Ctrl-C."""
         with self:
-            name = self.session.prepared.plan.name
             # not to standard output, which is only JSON with --json
-            line = f"live page of '{name}': {self.address} (Ctrl-C ends it)"
+            line = f"live page of '{self.prepared.plan.name}': {self.address} (Ctrl-C ends it)"
             print(line, file=sys.stderr)  # noqa: T201
             webbrowser.open(self.address)
             with contextlib.suppress(KeyboardInterrupt):
@@ -115,7 +115,7 @@ class LiveServer(ThreadingHTTPServer):
                 f"a run of {duration} s has {number:.0f} rows; choose a duration with 1 to {MAX_RUN_ROWS}"
             )
         self.changes.pop(name, None)
-        session, named = self.session.twin(), self.session.prepared.plan.p.named
+        session, named = Session.of(self.prepared), self.prepared.plan.p.named
         session.start(parameters=named(p))
         begin = time.perf_counter()
         with session:
@@ -194,7 +194,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _parameters(self) -> Vector:
         """Return the parameters in the request."""
-        number = self.server.session.prepared.plan.p.size
+        number = self.server.prepared.plan.p.size
         if self.headers.get("Content-Length") != str(8 * number):
             raise SimulationError(
                 f"the page does not send {number} parameters; load it again"

@@ -100,18 +100,29 @@ class Session(Described):
             if outputs is None
             else outputs
         )
-        self.prepared = Prepared.of(system, solver, chosen)
-        self._is_fixed = solver.is_fixed
-        self._has_grid = solver.is_fixed or self.prepared.has_clocks
-        self._u_start = self.prepared.plan.u_start
+        self._share(Prepared.of(system, solver, chosen))
+
+    def _share(self, prepared: Prepared) -> None:
+        self.prepared = prepared
+        self._is_fixed = prepared.solver.is_fixed
+        self._has_grid = self._is_fixed or prepared.has_clocks
+        self._u_start = prepared.plan.u_start
         self._run: Run | None = None
         self.fault = ""
 
+    @classmethod
+    def of(cls, prepared: Prepared) -> Session:
+        """Return a session of a diagram that is `prepared`."""
+        # No run changes `prepared`.
+        found = cls.__new__(cls)
+        found._rebuild = partial(cls.of, prepared)
+        found._share(prepared)
+        return found
+
     def twin(self) -> Session:
         """Return another session of the same diagram, not started, without preparing it again."""
-        other = Session.__new__(Session)
-        # Twins share `prepared`, which no run changes.
-        vars(other).update(vars(self), _run=None, fault="")
+        other = Session.of(self.prepared)
+        other._rebuild = self._rebuild
         return other
 
     def __reduce__(self) -> tuple[Callable[[], Session], tuple[()]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Attribute, Signals
 from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.symbol import Symbol
 from trussflow.blocks.support.types import Array
 from trussflow.models.dynamics.task_space import (
     seen_from,
@@ -51,6 +52,7 @@ class NominalModel(TrussBlock):
     Li, Wei, Chen (2026), Eqs. 42–45, 53–55, 63.
     """
 
+    _symbol = Symbol("c + G (J^(−1)(a − J̇ v) − d̂)")
     coordinates = Input("nq", unit=Attribute("coordinate_units"), meaning="q")
     speeds = Input("n", unit=Attribute("speed_units"), meaning="v")
     feedforward = Input(
@@ -132,6 +134,7 @@ class TaskErrors(TrussBlock):
     Guidance 12(3); Wen, Kreutz-Delgado (1991), *The attitude control problem*, IEEE TAC 36(10).
     """
 
+    _symbol = Symbol("x − x_d")
     reference_position = Input("rigid_q", unit=POSITION_UNITS, meaning="x_d")
     reference_velocity = Input("rigid", unit=RATE_UNITS, meaning="rate of x_d")
     reference_acceleration = Input(

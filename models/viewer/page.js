@@ -2,12 +2,10 @@
 // Its data lie in the page: `head` (JSON) describes them, `blob` holds the arrays.
 "use strict";
 
-const at = (id) => document.getElementById(id);
-
 // ---- what lies in the page -----------------------------------------------------------------------------
 
 async function inflated(id) {
-  const text = atob(at(id).textContent), bytes = new Uint8Array(text.length);
+  const text = atob($(id).textContent), bytes = new Uint8Array(text.length);
   for (let i = 0; i < text.length; i++) bytes[i] = text.charCodeAt(i);
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
   return new Uint8Array(await new Response(stream).arrayBuffer());
@@ -54,10 +52,10 @@ class Page {
     const target = this.target && { root: this.target.slice(0, count), joints: this.target.slice(count), modes: [] };
     const paths = this.runs.map((run) => this.path(run)), dark = this.theme.matches;
     const options = { target, longest, paths, camera, dark, cloud };
-    this.scene = new Scene3d.Scene(at("picture"), this.runs, this.states(this.t), options);
+    this.scene = new Scene3d.Scene($("picture"), this.runs, this.states(this.t), options);
   }
 
-  get scale() { return Number(at("exaggeration").value); }
+  get scale() { return Number($("exaggeration").value); }
 
   states(t) { return this.runs.map((run) => stateOf(run, t)); }
 
@@ -86,13 +84,13 @@ class Page {
   }
 
   legend() {
-    at("legend").textContent = "";
+    $("legend").textContent = "";
     for (const [name, colour] of this.scene.legend()) {
       const entry = element("button", "entry"), mark = element("i");
       entry.title = "show or hide";
       mark.style.background = colour;
       entry.append(mark, name);
-      at("legend").append(entry);
+      $("legend").append(entry);
       entry.addEventListener("click", () => {
         this.scene.toggle(name);
         entry.classList.toggle("off");
@@ -102,9 +100,9 @@ class Page {
 
   show(t) {
     this.t = Math.min(this.end, Math.max(this.start, t));
-    at("time").value = this.t;
-    at("now").textContent = `${this.t.toFixed(2)} s`;
-    at("scale").textContent = `deformation × ${this.scale}`;
+    $("time").value = this.t;
+    $("now").textContent = `${this.t.toFixed(2)} s`;
+    $("scale").textContent = `deformation × ${this.scale}`;
     this.scene.show(this.states(this.t), this.scale);
     this.view.cursor = this.t;
     this.view.changed();
@@ -124,7 +122,7 @@ class Page {
 
   play(on = !this.playing) {
     this.playing = on;
-    at("play").textContent = on ? "❚❚ pause" : "▶ play";
+    $("play").textContent = on ? "❚❚ pause" : "▶ play";
     if (!on) return;
     if (this.t >= this.end) this.t = this.start;
     let last = performance.now();
@@ -132,7 +130,7 @@ class Page {
       if (!this.playing) return;
       const elapsed = Math.max(0, now - last) / 1000;
       last = Math.max(now, last);
-      this.show(this.t + elapsed * Number(at("speed").value));
+      this.show(this.t + elapsed * Number($("speed").value));
       if (this.t >= this.end) this.play(false);
       else requestAnimationFrame(tick);
     };
@@ -181,7 +179,7 @@ function chartsOf(page) {
     select.ariaLabel = "signal";
     choices(select, named);
     select.value = name;
-    at("charts").append(select, place);
+    $("charts").append(select, place);
     page.chart(place, name);
     select.onchange = () => page.chart(place, select.value);
   }
@@ -189,14 +187,14 @@ function chartsOf(page) {
 }
 
 function listen(page) {
-  const on = (id, event, action) => at(id).addEventListener(event, action);
+  const on = (id, event, action) => $(id).addEventListener(event, action);
   on("play", "click", () => page.play());
   on("back", "click", () => page.step(-1));
   on("forth", "click", () => page.step(1));
-  on("time", "input", () => page.show(Number(at("time").value)));
+  on("time", "input", () => page.show(Number($("time").value)));
   on("exaggeration", "input", () => page.show(page.t));
-  on("camera", "change", () => page.scene.look(at("camera").value));
-  on("follow", "change", () => page.scene.follow(at("follow").value));
+  on("camera", "change", () => page.scene.look($("camera").value));
+  on("follow", "change", () => page.scene.follow($("follow").value));
   page.theme.addEventListener("change", () => page.dress());
   document.addEventListener("keydown", (event) => {
     const keys = { " ": () => page.play(), ArrowLeft: () => page.step(-1), ArrowRight: () => page.step(1) };
@@ -207,29 +205,29 @@ function listen(page) {
 }
 
 async function begin() {
-  const head = replaced(JSON.parse(at("head").textContent), await inflated("blob"));
+  const head = replaced(JSON.parse($("head").textContent), await inflated("blob"));
   const asked = new URLSearchParams(location.hash.slice(1)), camera = asked.get("camera") ?? "oblique";
   const cameras = Object.keys(Scene3d.CAMERAS);
   if (!cameras.includes(camera)) throw new Error(`no camera '${camera}', but ${cameras.join(", ")}`);
   if (asked.has("still")) { // a picture of so many pixels height, and nothing else
     document.body.className = "still";
-    at("left").style.height = `${asked.get("still")}px`;
+    $("left").style.height = `${asked.get("still")}px`;
   }
-  choices(at("camera"), cameras.map((name) => [name, name]));
-  choices(at("follow"), [["nothing", "nothing"], ["truss", "truss"]]);
-  choices(at("follow"), head.runs[0].truss.arms.map((_, k) => [k, `robot ${k + 1}`]));
-  at("camera").value = camera;
-  at("exaggeration").value = asked.get("exaggeration") ?? head.exaggeration;
+  choices($("camera"), cameras.map((name) => [name, name]));
+  choices($("follow"), [["nothing", "nothing"], ["truss", "truss"]]);
+  choices($("follow"), head.runs[0].truss.arms.map((_, k) => [k, `robot ${k + 1}`]));
+  $("camera").value = camera;
+  $("exaggeration").value = asked.get("exaggeration") ?? head.exaggeration;
   const page = new Page(head, camera), time = (name, value) => {
     const t = Number(asked.get(name) ?? value);
     if (page.start - 1e-6 <= t && t <= page.end + 1e-6) return t;
     throw new Error(`there is no t = ${asked.get(name)} s, the run is from ${page.start} to ${page.end} s`);
   };
   page.t = time("t", page.start);
-  at("follow").value = asked.get("follow") ?? (page.scene.far ? "truss" : "nothing");
-  page.scene.followed = at("follow").value;
-  [at("time").min, at("time").max] = [page.start, page.end];
-  if (page.runs.length > 1) at("second").textContent = `faint curves: ${page.runs[1].name}`;
+  $("follow").value = asked.get("follow") ?? (page.scene.far ? "truss" : "nothing");
+  page.scene.followed = $("follow").value;
+  [$("time").min, $("time").max] = [page.start, page.end];
+  if (page.runs.length > 1) $("second").textContent = `faint curves: ${page.runs[1].name}`;
   page.legend();
   if (asked.has("film")) {
     const [count, width, height] = asked.get("film").split(",").map(Number);
@@ -243,7 +241,7 @@ async function begin() {
 }
 
 begin().catch((error) => {
-  at("trouble").textContent = `This page cannot be shown: ${error.message}`;
-  console.info(at("trouble").textContent);
+  $("trouble").textContent = `This page cannot be shown: ${error.message}`;
+  console.info($("trouble").textContent);
   throw error;
 });

@@ -212,7 +212,7 @@ def _text(
     return Template(text("page.html")).substitute(
         title=escape(title),
         note=escape(_note(head["runs"])),
-        style=package_text("chart.css", CHARTS) + text("page.css"),
+        style=package_text("base.css", CHARTS) + text("page.css"),
         script=package_text("chart.js", CHARTS) + text("scene3d.js") + text("page.js"),
         sections="".join(
             f"<section><h2>{escape(s.title)}</h2>{s.content}</section>\n"

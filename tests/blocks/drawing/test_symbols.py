@@ -9,10 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trussflow.blocks import (
+    PD,
     PID,
     Block,
     Constant,
     Diagram,
+    DisturbanceObserver,
     Function,
     Gain,
     Input,
@@ -28,6 +30,7 @@ from trussflow.blocks import (
     TransferFunction,
     TransportDelay,
 )
+from trussflow.blocks.errors import DiagramError
 from trussflow.blocks.framework.symbol import number, polynomial, value_text
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -83,7 +86,18 @@ class Spring(Block):
 
 
 def long_law_of_many_inputs(stress, strain, time):
-    return stress + strain + time
+    total = stress + strain
+    return total + time
+
+
+def one_line(u):
+    """Return a difference."""
+    return u - np.sin(u)
+
+
+def two_lines(u):
+    u = 2.0 * u
+    return u
 
 
 @pytest.mark.parametrize(
@@ -104,6 +118,8 @@ def long_law_of_many_inputs(stress, strain, time):
         (TransportDelay(0.25), ["e−0.25 s"]),
         (Saturation(-1.0, 2.0), ["−1 to 2"]),
         (PID(3.0, 2.0, 0.5), ["3 + 2/s + 0.5 s"]),
+        (PID(3.0, -2.0), ["3 − 2/s"]),
+        (PID(0.0), ["0"]),
         (Function(np.tanh), ["tanh(u)"]),
         (
             Function(
@@ -112,7 +128,12 @@ def long_law_of_many_inputs(stress, strain, time):
             ),
             ["long_law_of_many_inputs(…)"],
         ),
-        (Function(lambda u: u + 1.0), ["f(u)"]),
+        (Function(lambda u: -3.0 * u**2), ["−3.0 u2"]),
+        (Function(one_line), ["u − sin(u)"]),
+        (Function(two_lines), ["two_lines(u)"]),
+        (Function(eval("lambda u: u")), ["f(u)"]),
+        (DisturbanceObserver(2.0), ["z + 2 v", "ż = −2 (z + 2 v + a)"]),
+        (PD(3.0, 2.0), ["−3 e − 2 ė"]),
         (Operation(np.subtract, 3.0, Input()), ["3 − u"]),
         (Operation(np.divide, Input(), Input()), ["u1 / u2", "u1", "u2"]),
         (Operation(np.multiply, 2.5, Input()), ["2.5"]),
@@ -124,6 +145,15 @@ def long_law_of_many_inputs(stress, strain, time):
 )
 def test_symbol_shows_the_equation(block, texts):
     assert set(drawn(block)) >= {*texts, "block_0"}
+
+
+def test_a_symbol_of_another_kind_is_refused():
+    class Wrong(Block):
+        y = Output()
+        _symbol = "k x"
+
+    with pytest.raises(DiagramError, match="'block_0': _symbol of Wrong must be a Sym"):
+        drawn(Wrong())
 
 
 def test_curve_of_a_table_and_no_caption_without_limits():
@@ -161,6 +191,6 @@ def test_tooltip_has_all_digits():
 
 
 def test_function_with_a_hostile_name_does_no_harm():
-    function = lambda u: u  # noqa: E731
+    function = eval("lambda u: u")
     function.__name__ = "{0.__class__}</text><script>"
     assert "{0.__class__}</text><script>(u)" in drawn(Function(function))

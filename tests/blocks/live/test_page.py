@@ -363,6 +363,12 @@ def of(block):
             SimulationError,
             "20 to 30 .*must contain its value 12",
         ),
+        (
+            of(Gain(1e308)),
+            {"parameters": ["own.gain"]},
+            SimulationError,
+            "'own.gain' is infinite; give the ends",
+        ),
         (pid(), {"solver": "LSODA"}, SimulationError, "a page has fixed steps"),
         (pid(), {"pace": 1.0}, SimulationError, "leave out the path"),
         (pid(), {"step": 0.3}, SimulationError, "10 s is not a whole number"),

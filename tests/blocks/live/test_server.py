@@ -25,7 +25,9 @@ from trussflow.blocks import (
     Output,
     simulate,
 )
+from trussflow.blocks.live import page
 from trussflow.blocks.live.page import server_of
+from trussflow.blocks.tracing.plan import Plan
 
 CALLS = []
 
@@ -88,12 +90,22 @@ def run(server, p, duration, name="run"):
     return np.frombuffer(rows).reshape(-1, 2), parts[-1].get("fault")
 
 
+def test_a_served_diagram_is_traced_once(monkeypatch):
+    plans = []
+    monkeypatch.setattr(
+        page, "Plan", lambda diagram: plans.append(Plan(diagram)) or plans[-1]
+    )
+    with served(loop(Gain(3.0))) as server:
+        assert [server.prepared.plan] == plans
+        assert run(server, plans[0].parameters(None), 0.1)[1] == ""
+
+
 @pytest.mark.parametrize("middle", [Gain(3.0), Counted().sampled(0.01)])
 def test_rows_are_those_of_a_simulation(middle):
     diagram = loop(middle)
     expected = simulate(diagram, 1.0, step=0.01, log={"y": diagram.ports["y"]})
     with served(diagram) as server:
-        p = server.session.prepared.plan.parameters(None)
+        p = server.prepared.plan.parameters(None)
         rows, fault = run(server, p, 1.0)
     assert fault == ""
     assert_array_equal(rows[:, 0], expected["time"])
@@ -102,7 +114,7 @@ def test_rows_are_those_of_a_simulation(middle):
 
 def test_two_pages_have_runs_of_their_own():
     with served(loop(Gain(3.0)), pace=2.0) as server, ThreadPoolExecutor() as pool:
-        plan = server.session.prepared.plan
+        plan = server.prepared.plan
         found = {
             gain: pool.submit(
                 run, server, plan.parameters({"block.gain": gain}), 0.5, f"page{gain}"
@@ -116,7 +128,7 @@ def test_two_pages_have_runs_of_their_own():
 
 def test_a_paced_run_takes_new_values_while_it_goes_on():
     with served(loop(Gain(0.0)), pace=1.0) as server:
-        plan = server.session.prepared.plan
+        plan = server.prepared.plan
         values = plan.parameters({"block.gain": 3.0}).tobytes()
 
         def tune():
@@ -136,7 +148,7 @@ def test_a_paced_run_takes_new_values_while_it_goes_on():
 @pytest.mark.parametrize("pace", [None, 1.0])
 def test_a_closed_page_ends_its_run(pace, capsys):
     with served(loop(Counted().sampled(0.01)), pace=pace) as server:
-        p = server.session.prepared.plan.parameters(None)
+        p = server.prepared.plan.parameters(None)
         with ask(server, "POST", "run/a/9000", p.tobytes()) as answer:
             answer.readline()
         before = -1
@@ -180,7 +192,7 @@ def test_only_the_address_with_the_token_is_answered(change, status):
 )
 def test_a_wrong_run_gets_a_message(change, message):
     with served(loop(Gain(3.0))) as server:
-        p = server.session.prepared.plan.parameters(None)
+        p = server.prepared.plan.parameters(None)
         rows, fault = run(server, **({"p": p, "duration": 1.0} | change))
     assert rows.size == 0
     assert message in fault
@@ -206,7 +218,7 @@ def test_broken_and_strange_requests_print_no_traceback(capsys):
                 client.setsockopt(
                     socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0)
                 )
-        run(server, server.session.prepared.plan.parameters(None), 0.1)
+        run(server, server.prepared.plan.parameters(None), 0.1)
     assert not capsys.readouterr().err
 
 
