@@ -1,7 +1,8 @@
 "use strict";
 // Charts on canvas over one variable: axes with SI prefixes, equal curves told apart, cursor, zoom, a second run.
 
-const COLOURS = ["#2563eb", "#dc2626", "#16a34a", "#d97706", "#9333ea", "#0891b2", "#db2777", "#65a30d"];
+// Okabe and Ito (2008), and two that are visible on light and on dark ground.
+const COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8a8a8a", "#a16207"];
 const DASHES = [[], [7, 3], [2, 2.5], [8, 3, 2, 3]]; // of curves that have one colour
 const PIECE = 9; // of each curve in a line that several curves share [px]
 const PREFIXES = { "-12": "p", "-9": "n", "-6": "µ", "-3": "m", 3: "k", 6: "M", 9: "G", 12: "T" };

@@ -144,9 +144,8 @@ class Page {
     document.body.append(found);
     for (let k = 0; k < count; k++) {
       this.t = start + ((end - start) * k) / Math.max(1, count - 1);
-      this.scene.caption = `${this.t.toFixed(1)} s`;
       this.scene.show(this.states(this.t), this.scale);
-      found.append(`${this.scene.picture(width, height)}\n`);
+      found.append(`${this.scene.picture(width, height, `${this.t.toFixed(1)} s`)}\n`);
     }
   }
 
@@ -154,7 +153,7 @@ class Page {
     this.charts = this.charts.filter(({ parent }) => parent !== place);
     place.textContent = "";
     const signal = (run) => run.signals.find((one) => one.name === name);
-    const found = this.runs.map(signal).filter(Boolean), { COLOURS } = Scene3d;
+    const found = this.runs.map(signal).filter(Boolean);
     const { units, inner, components } = found.reduce((a, b) => (b.components.length > a.components.length ? b : a));
     const curves = components.map((label, k) => ({
       label, colour: COLOURS[Math.floor(k / inner) % COLOURS.length], values: (run) => signal(run)?.values[k] ?? [],

@@ -1,16 +1,15 @@
 // A space truss and its robots, drawn by WebGL 2 without a library: light, shadows and a ground grid.
-// The script uses nothing of its page. `posed` computes positions by the equations of models/dynamics.
+// It needs chart.js. `posed` computes positions by the equations of models/dynamics.
 "use strict";
 
 const Scene3d = (() => {
-  // Okabe and Ito (2008), and two that are visible on light and on dark ground; also used by charts.
-  const COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8a8a8a", "#a16207"];
   const RODS = [["#8795a5", "#c3ced9"], ["#e0803c", "#fdba74"]]; // of either run, on light and on dark
   const THEMES = [
-    { back: "#eef2f6", grid: "#64748b", ghost: "#16a34a", text: "#334155", path: "#334155", link: "#dfe5ec" },
-    { back: "#0d1420", grid: "#94a3b8", ghost: "#4ade80", text: "#cbd5e1", path: "#94a3b8", link: "#e8edf3" },
+    { back: "#eef2f6", grid: "#64748b", ghost: "#16a34a", path: "#334155", link: "#dfe5ec" },
+    { back: "#0d1420", grid: "#94a3b8", ghost: "#4ade80", path: "#94a3b8", link: "#e8edf3" },
   ];
   const ARROWS = [["force", "thrust", "N", 1, "#dc2626"], ["torque", "torque", "N·m", 2, "#a855f7"]];
+  const AXES = [["x", "#dc2626"], ["y", "#16a34a"], ["z", "#2563eb"]];
   const CAMERAS = { // azimuth and elevation of the eye [rad]
     oblique: [-2.08, 0.42], front: [-Math.PI / 2, 0.06], side: [0, 0.06], top: [-Math.PI / 2, Math.PI / 2],
   };
@@ -34,19 +33,7 @@ const Scene3d = (() => {
   const mean = (points) => points.reduce((a, b) => sum(a, b)).map((a) => a / points.length);
   const near = (point) => point.every((a) => Math.abs(a) < LOST);
 
-  function aboutZ(angle) {
-    const c = Math.cos(angle), s = Math.sin(angle);
-    return [c, -s, 0, s, c, 0, 0, 0, 1];
-  }
-
-  function attitude(numbers) { // a quaternion, scalar first, or R_z(psi) R_x(phi) R_y(theta)
-    if (numbers.length === 4) return quaternion(numbers);
-    const [phi, theta, psi] = numbers;
-    const c = Math.cos(phi), s = Math.sin(phi), C = Math.cos(theta), S = Math.sin(theta);
-    return times(aboutZ(psi), times([1, 0, 0, 0, c, -s, 0, s, c], [C, 0, S, 0, 1, 0, -S, 0, C]));
-  }
-
-  function quaternion([w, x, y, z]) {
+  function quaternion([w, x, y, z]) { // of any length
     const s = 2 / (w * w + x * x + y * y + z * z);
     return [
       1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y),
@@ -55,22 +42,18 @@ const Scene3d = (() => {
     ];
   }
 
-  function cayley([x, y, z]) {
-    const q = (x * x + y * y + z * z) / 4, a = 1 - q, b = 1 + q;
-    return [
-      a + (x * x) / 2, (x * y) / 2 - z, (x * z) / 2 + y,
-      (x * y) / 2 + z, a + (y * y) / 2, (y * z) / 2 - x,
-      (x * z) / 2 - y, (y * z) / 2 + x, a + (z * z) / 2,
-    ].map((value) => value / b);
+  const about = (axis, angle) => quaternion([Math.cos(angle / 2), ...axis.map((a) => a * Math.sin(angle / 2))]);
+  const aboutZ = (angle) => about([0, 0, 1], angle);
+
+  function attitude(numbers) { // a quaternion, scalar first, or R_z(psi) R_x(phi) R_y(theta)
+    if (numbers.length === 4) return quaternion(numbers);
+    const [phi, theta, psi] = numbers;
+    return times(aboutZ(psi), times(about([1, 0, 0], phi), about([0, 1, 0], theta)));
   }
 
   // Modal displacement of one point; `shape` has the modes of its x, then of its y, then of its z.
-  function modal(shape, modes, scale) {
-    const h = modes.length, found = [0, 0, 0];
-    for (let axis = 0; axis < 3; axis++)
-      for (let k = 0; k < h; k++) found[axis] += shape[axis * h + k] * modes[k] * scale;
-    return found;
-  }
+  const modal = (shape, modes, scale) => [0, 1, 2].map((axis) =>
+    modes.reduce((found, mode, k) => found + shape[axis * modes.length + k] * mode * scale, 0));
 
   // Positions of all bodies for root [m] and attitude, all joints [rad or m], modal coordinates times `scale`.
   function posed(truss, { root, joints, modes }, scale = 1) {
@@ -79,7 +62,7 @@ const Scene3d = (() => {
     let next = 0;
     const arms = truss.arms.map((arm) => {
       let p = sum(arm.grasp, modal(arm.translation, modes, scale));
-      let A = times(cayley(modal(arm.rotation, modes, scale)), arm.hand);
+      let A = times(quaternion([2, ...modal(arm.rotation, modes, scale)]), arm.hand); // Cayley's rotation
       const chain = [p], bodies = [[p, A]];
       arm.origins.forEach((origin, j) => {
         p = sum(p, turned(A, origin));
@@ -106,10 +89,6 @@ const Scene3d = (() => {
 
   const cornersOf = ({ points, arms }) => [...points, ...arms.flatMap((arm) => arm.corners)];
   const lengthsOf = (points) => points.slice(1).map((b, k) => Math.hypot(...sum(b, points[k], -1)));
-  const quantity = (value, unit) => { // with three digits and a prefix
-    const power = [0, 1, 2, 3].find((k) => value * 1000 ** k >= 0.1) ?? 0;
-    return `${Number((value * 1000 ** power).toPrecision(3))} ${["", "m", "µ", "n"][power]}${unit}`;
-  };
   const ball = (place, radius, colour) => [place, radius, place, radius, 1, colour];
 
   // Radii of rods, nodes and links that are visible beside the whole truss [m].
@@ -155,30 +134,10 @@ const Scene3d = (() => {
   const PLACED = `#version 300 es
     precision highp float;
     uniform mat4 clip;
-    invariant gl_Position; // depths are equal in all programs
-    out vec3 place, normal; out vec4 tint;`;
-  const CAPSULES = `${PLACED}
-    layout(location=0) in vec4 corner; // angle around, elevation [rad], end, whether it is of the side
-    layout(location=1) in vec4 first;  // one end and its radius
-    layout(location=2) in vec4 last;
-    layout(location=3) in vec4 colour;
-    layout(location=4) in float roundness;
-    void main() {
-      vec3 axis = last.xyz - first.xyz; float size = length(axis);
-      axis = size > 1e-7 ? axis / size : vec3(0, 0, 1);
-      vec3 side = normalize(cross(axis, abs(axis.z) < 0.9 ? vec3(0, 0, 1) : vec3(1, 0, 0)));
-      vec3 ring = cos(corner.x) * side + sin(corner.x) * cross(axis, side);
-      vec4 end = mix(first, last, corner.z);
-      float up = sin(corner.y), out_ = cos(corner.y);
-      place = end.xyz + end.w * (out_ * ring + roundness * up * axis);
-      vec3 cap = mix((corner.z * 2.0 - 1.0) * axis, out_ * ring + up * axis, roundness);
-      normal = corner.w > 0.5 ? ring + axis * (first.w - last.w) / max(size, 1e-7) : cap;
-      tint = colour;
-      gl_Position = clip * vec4(place, 1);
-    }`;
-  const MESHES = `${PLACED}
-    layout(location=0) in vec3 corner; layout(location=1) in vec4 colour;
-    void main() { place = corner; normal = vec3(0); tint = colour; gl_Position = clip * vec4(place, 1); }`;
+    layout(location=0) in vec3 corner; layout(location=1) in vec3 across; layout(location=2) in vec4 colour;
+    invariant gl_Position; // depths are equal in both programs
+    out vec3 place, normal; out vec4 tint;
+    void main() { place = corner; normal = across; tint = colour; gl_Position = clip * vec4(place, 1); }`;
   const LIT = `#version 300 es
     precision highp float; precision highp sampler2DShadow;
     in vec3 place, normal; in vec4 tint; out vec4 shown;
@@ -218,9 +177,9 @@ const Scene3d = (() => {
     precision highp float;
     void main() {}`;
 
-  function programOf(gl, vertex, fragment) {
+  function programOf(gl, fragment) {
     const program = gl.createProgram();
-    for (const [kind, text] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
+    for (const [kind, text] of [[gl.VERTEX_SHADER, PLACED], [gl.FRAGMENT_SHADER, fragment]]) {
       const shader = gl.createShader(kind);
       gl.shaderSource(shader, text);
       gl.compileShader(shader);
@@ -228,25 +187,31 @@ const Scene3d = (() => {
       gl.attachShader(program, shader);
     }
     gl.linkProgram(program);
-    const places = {}, count = gl.getProgramParameter(program, gl.ACTIVE_UNIFORMS);
-    for (let k = 0; k < count; k++) {
-      const { name } = gl.getActiveUniform(program, k);
-      places[name] = gl.getUniformLocation(program, name);
-    }
-    return { program, places };
+    return program;
   }
 
-  function capsuleMesh(sides = 12) { // rows from one pole to the other; rows at the rims are double
-    const corners = [], faces = [], up = Math.PI / 2;
-    const rows = [[-up, 0, 0], [-up / 2, 0, 0], [0, 0, 0], [0, 0, 1], [0, 1, 1], [0, 1, 0], [up / 2, 1, 0], [up, 1, 0]];
-    rows.forEach((row, r) => {
-      for (let s = 0; s <= sides; s++) {
-        corners.push((2 * Math.PI * s) / sides, ...row);
-        const k = r * (sides + 1) + s;
-        if (s && r && r !== 3 && r !== 5) faces.push(k - sides - 2, k - sides - 1, k, k - sides - 2, k, k - 1);
+  const SIDES = 12; // of a capsule
+  const ROWS = [ // from one pole to the other: elevation, end, whether it is of the side
+    [-1, 0], [-0.5, 0], [0, 0], [0, 0, true], [0, 1, true], [0, 1], [0.5, 1], [1, 1],
+  ].map(([up, ...more]) => [Math.cos((up * Math.PI) / 2), Math.sin((up * Math.PI) / 2), ...more]);
+
+  // Adds place, normal and colour of all corners, and triangles.
+  function addCapsule({ corners, triangles }, [a, first, b, last, roundness], tint) {
+    const along = sum(b, a, -1), size = Math.hypot(...along), axis = size > 1e-7 ? along.map((x) => x / size) : [0, 0, 1];
+    const across = cross(axis, Math.abs(axis[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0]), unit = Math.hypot(...across);
+    const side = across.map((x) => x / unit), other = cross(axis, side), slope = (first - last) / Math.max(size, 1e-7);
+    ROWS.forEach(([out, up, end, ofSide], r) => {
+      const place = end ? b : a, radius = end ? last : first;
+      for (let s = 0; s <= SIDES; s++) {
+        const c = Math.cos((2 * Math.PI * s) / SIDES), d = Math.sin((2 * Math.PI * s) / SIDES), k = corners.length / 10;
+        const ring = [0, 1, 2].map((i) => c * side[i] + d * other[i]);
+        for (let i = 0; i < 3; i++) corners.push(place[i] + radius * (out * ring[i] + roundness * up * axis[i]));
+        for (let i = 0; i < 3; i++)
+          corners.push(ofSide ? ring[i] + slope * axis[i] : roundness ? out * ring[i] + up * axis[i] : (2 * end - 1) * axis[i]);
+        corners.push(...tint);
+        if (s && r && r !== 3 && r !== 5) triangles.push(k - SIDES - 2, k - SIDES - 1, k, k - SIDES - 2, k, k - 1);
       }
     });
-    return [new Float32Array(corners), new Uint16Array(faces)];
   }
 
   // ---- matrices of the camera: sixteen numbers, column by column -----------------------------------------
@@ -268,10 +233,8 @@ const Scene3d = (() => {
     constructor(element, runs, states, { target, cloud = [], paths = [], longest = {}, camera = "oblique", dark = false }) {
       this.element = element;
       this.canvas = element.appendChild(document.createElement("canvas"));
-      this.over = element.appendChild(document.createElement("canvas")); // axes, and text of films
       element.style.position = "relative";
-      for (const one of [this.canvas, this.over]) one.style.cssText = "position:absolute;inset:0;width:100%;height:100%";
-      this.over.style.pointerEvents = "none";
+      this.canvas.style.cssText = "position:absolute;inset:0;width:100%;height:100%;touch-action:none";
       this.gl = this.canvas.getContext("webgl2", { antialias: true });
       if (!this.gl) throw new Error("the browser has no WebGL 2; allow hardware or software rendering");
       Object.assign(this, { runs, paths, longest, dark, scale: 1, followed: "nothing", hidden: new Set(), zoom: 1 });
@@ -297,36 +260,14 @@ const Scene3d = (() => {
     }
 
     prepare() {
-      const { gl } = this, [corners, faces] = capsuleMesh();
-      this.programs = {
-        litCapsules: programOf(gl, CAPSULES, LIT), litMeshes: programOf(gl, MESHES, LIT),
-        shadowCapsules: programOf(gl, CAPSULES, EMPTY), shadowMeshes: programOf(gl, MESHES, EMPTY),
-      };
-      this.faces = faces.length;
-      this.buffers = Object.fromEntries(["instances", "corners", "triangles"].map((name) => [name, gl.createBuffer()]));
-      const array = (kind, data) => {
-        gl.bindBuffer(kind, gl.createBuffer());
-        gl.bufferData(kind, data, gl.STATIC_DRAW);
-      };
-      const pointer = (place, size, stride, offset, divisor) => {
+      const { gl } = this;
+      this.programs = { lit: programOf(gl, LIT), shadow: programOf(gl, EMPTY) };
+      this.kinds = { corners: gl.ARRAY_BUFFER, triangles: gl.ELEMENT_ARRAY_BUFFER };
+      for (const kind of Object.values(this.kinds)) gl.bindBuffer(kind, gl.createBuffer());
+      [3, 3, 4].forEach((size, place) => {
         gl.enableVertexAttribArray(place);
-        gl.vertexAttribPointer(place, size, gl.FLOAT, false, 4 * stride, 4 * offset);
-        gl.vertexAttribDivisor(place, divisor);
-      };
-      this.arrays = [gl.createVertexArray(), gl.createVertexArray()];
-      gl.bindVertexArray(this.arrays[0]);
-      array(gl.ARRAY_BUFFER, corners);
-      pointer(0, 4, 4, 0, 0);
-      array(gl.ELEMENT_ARRAY_BUFFER, faces);
-      gl.bindBuffer(gl.ARRAY_BUFFER, this.buffers.instances);
-      this.point = (first) => [[1, 4, 0], [2, 4, 4], [3, 4, 8], [4, 1, 12]].forEach(([place, size, offset]) =>
-        pointer(place, size, 13, 13 * first + offset, 1)); // WebGL has no first instance
-      this.point(0);
-      gl.bindVertexArray(this.arrays[1]);
-      gl.bindBuffer(gl.ARRAY_BUFFER, this.buffers.corners);
-      pointer(0, 3, 7, 0, 0);
-      pointer(1, 4, 7, 3, 0);
-      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.buffers.triangles);
+        gl.vertexAttribPointer(place, size, gl.FLOAT, false, 40, 12 * place);
+      });
       gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
       gl.texStorage2D(gl.TEXTURE_2D, 1, gl.DEPTH_COMPONENT24, SHADOW, SHADOW);
       for (const [name, value] of [
@@ -345,7 +286,6 @@ const Scene3d = (() => {
 
     listen() {
       const { canvas } = this, pointers = new Map();
-      canvas.style.touchAction = "none";
       canvas.addEventListener("contextmenu", (event) => event.preventDefault());
       canvas.addEventListener("pointerdown", (event) => {
         canvas.setPointerCapture(event.pointerId);
@@ -437,6 +377,9 @@ const Scene3d = (() => {
           part(`target of robot ${k + 1}`, ghost, lines, { ...look, ...mesh, legend: "target" });
         });
       }
+      const corner = this.bounds.map(([low]) => low - MARGIN);
+      AXES.forEach(([name, colour], k) =>
+        part(`${name}, 1 m`, colour, arrowOf(corner, [0, 1, 2].map((axis) => +(axis === k)), 1)));
       return parts;
     }
 
@@ -465,34 +408,31 @@ const Scene3d = (() => {
 
     // Coordinates on the screen are relative to the target of the camera: single precision suffices far away.
     upload(parts, origin) {
-      const { gl } = this, instances = [], corners = [], triangles = [], layers = [];
-      for (const layer of [0, 1, 2, 3]) {
-        const start = { instances: instances.length / 13, triangles: triangles.length };
+      const { gl } = this, mesh = { corners: [], triangles: [] }, { corners, triangles } = mesh;
+      const layers = [0, 1, 2, 3].map((layer) => {
+        const start = triangles.length;
         for (const part of parts) {
           if (part.layer !== layer || this.hidden.has(part.legend)) continue;
+          const tint = numbers(part.colour, part.alpha);
           for (const [a, first, b, last, roundness, colour] of part.capsules) {
             if (!(near(a) && near(b))) continue;
-            instances.push(...sum(a, origin, -1), first, ...sum(b, origin, -1), last);
-            instances.push(...numbers(colour ?? part.colour, part.alpha), roundness);
+            const ends = [sum(a, origin, -1), first, sum(b, origin, -1), last, roundness];
+            addCapsule(mesh, ends, colour ? numbers(colour, part.alpha) : tint);
           }
           if (!part.faces.length || !part.corners.every(near)) continue;
-          const base = corners.length / 7, [I, J, K] = part.faces, tint = numbers(part.colour, part.alpha);
-          for (const corner of part.corners) corners.push(...sum(corner, origin, -1), ...tint);
+          const base = corners.length / 10, [I, J, K] = part.faces;
+          for (const corner of part.corners) corners.push(...sum(corner, origin, -1), 0, 0, 0, ...tint);
           for (let k = 0; k < I.length; k++) triangles.push(base + I[k], base + J[k], base + K[k]);
         }
-        const [bodies, faces] = [instances.length / 13 - start.instances, triangles.length - start.triangles];
-        layers.push({ start, instances: bodies, triangles: faces });
-      }
-      const ground = corners.length / 7; // two triangles more
+        return [start, triangles.length - start];
+      });
+      const ground = corners.length / 10; // two triangles more
       for (const [x, y] of [[-1, -1], [1, -1], [1, 1], [-1, 1]])
-        corners.push(x * this.reach, y * this.reach, this.floor - origin[2], 0, 0, 0, 1);
+        corners.push(x * this.reach, y * this.reach, this.floor - origin[2], 0, 0, 1, 0, 0, 0, 1);
       triangles.push(ground, ground + 1, ground + 2, ground, ground + 2, ground + 3);
-      gl.bindVertexArray(null);
-      const send = (kind, buffer, data) => { gl.bindBuffer(kind, buffer); gl.bufferData(kind, data, gl.DYNAMIC_DRAW); };
-      send(gl.ARRAY_BUFFER, this.buffers.instances, new Float32Array(instances));
-      send(gl.ARRAY_BUFFER, this.buffers.corners, new Float32Array(corners));
-      send(gl.ELEMENT_ARRAY_BUFFER, this.buffers.triangles, new Uint32Array(triangles));
-      return { layers, ground: triangles.length - 6 };
+      gl.bufferData(this.kinds.corners, new Float32Array(corners), gl.DYNAMIC_DRAW);
+      gl.bufferData(this.kinds.triangles, new Uint32Array(triangles), gl.DYNAMIC_DRAW);
+      return [...layers, [triangles.length - 6, 6]];
     }
 
     // Camera and light for a picture of this shape; matrices map positions relative to the target to the screen.
@@ -517,98 +457,62 @@ const Scene3d = (() => {
       this.sun = product(flat, seenFrom(axesOf(Math.atan2(SUN[1], SUN[0]), Math.asin(SUN[2])), [0, 0, 0]));
     }
 
-    use(name, matrix, ground = 0) {
-      const { gl, cell } = this, { program, places } = this.programs[name];
+    // Draw some triangles with a program.
+    paint([start, count], name, matrix, ground = 0) {
+      const { gl, cell } = this, program = this.programs[name], place = (uniform) => gl.getUniformLocation(program, uniform);
       gl.useProgram(program);
-      gl.uniformMatrix4fv(places.clip, false, matrix);
-      if (!places.light) return; // of shadows
-      gl.uniformMatrix4fv(places.sun, false, this.sun);
-      gl.uniform3fv(places.light, SUN);
-      gl.uniform3fv(places.eye, this.eye);
-      gl.uniform3fv(places.grid, numbers(THEMES[+this.dark].grid).slice(0, 3));
-      gl.uniform2fv(places.origin, [0, 1].map((k) => this.target[k] % (5 * cell)));
-      gl.uniform1f(places.reach, this.reach);
-      gl.uniform1f(places.size, cell);
-      gl.uniform1i(places.ground, ground);
-    }
-
-    bodies({ start, instances, triangles }, kind, matrix) {
-      const { gl } = this;
-      if (instances) {
-        this.use(`${kind}Capsules`, matrix);
-        gl.bindVertexArray(this.arrays[0]);
-        gl.bindBuffer(gl.ARRAY_BUFFER, this.buffers.instances);
-        this.point(start.instances);
-        gl.drawElementsInstanced(gl.TRIANGLES, this.faces, gl.UNSIGNED_SHORT, 0, instances);
+      gl.uniformMatrix4fv(place("clip"), false, matrix);
+      if (name === "lit") {
+        gl.uniformMatrix4fv(place("sun"), false, this.sun);
+        gl.uniform3fv(place("light"), SUN);
+        gl.uniform3fv(place("eye"), this.eye);
+        gl.uniform3fv(place("grid"), numbers(THEMES[+this.dark].grid).slice(0, 3));
+        gl.uniform2fv(place("origin"), [0, 1].map((k) => this.target[k] % (5 * cell)));
+        gl.uniform1f(place("reach"), this.reach);
+        gl.uniform1f(place("size"), cell);
+        gl.uniform1i(place("ground"), ground);
       }
-      if (triangles) {
-        this.use(`${kind}Meshes`, matrix);
-        gl.bindVertexArray(this.arrays[1]);
-        gl.drawElements(gl.TRIANGLES, triangles, gl.UNSIGNED_INT, 4 * start.triangles);
-      }
+      gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_INT, 4 * start);
     }
 
     draw(width = this.element.clientWidth, height = this.element.clientHeight, density = Math.min(2, devicePixelRatio)) {
       if (!(width && height)) return;
       const { gl, canvas } = this;
-      for (const one of [canvas, this.over])
-        [one.width, one.height] = [width, height].map((side) => Math.round(side * density));
+      [canvas.width, canvas.height] = [width, height].map((side) => Math.round(side * density));
       this.aim(width / height);
-      const { layers, ground } = this.upload(this.parts(), this.target);
+      const layers = this.upload(this.parts(), this.target), ground = layers.pop();
       gl.bindFramebuffer(gl.FRAMEBUFFER, this.shadow);
       gl.viewport(0, 0, SHADOW, SHADOW);
       gl.disable(gl.BLEND);
       gl.enable(gl.POLYGON_OFFSET_FILL);
       gl.clear(gl.DEPTH_BUFFER_BIT);
-      for (const layer of layers.slice(0, 2)) this.bodies(layer, "shadow", this.sun);
+      for (const layer of layers.slice(0, 2)) this.paint(layer, "shadow", this.sun);
       gl.disable(gl.POLYGON_OFFSET_FILL);
       gl.bindFramebuffer(gl.FRAMEBUFFER, null);
       gl.viewport(0, 0, canvas.width, canvas.height);
       gl.clearColor(...numbers(THEMES[+this.dark].back));
       gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-      this.bodies(layers[0], "lit", this.clip);
+      this.paint(layers[0], "lit", this.clip);
       gl.enable(gl.BLEND);
       gl.depthMask(false);
-      this.use("litMeshes", this.clip, 1);
-      gl.bindVertexArray(this.arrays[1]);
-      gl.drawElements(gl.TRIANGLES, 6, gl.UNSIGNED_INT, 4 * ground);
+      this.paint(ground, "lit", this.clip, 1);
       gl.depthMask(true);
       for (const layer of layers.slice(1)) { // first the depths alone, so that only the nearest surface is blended
         gl.colorMask(false, false, false, false);
-        this.bodies(layer, "shadow", this.clip);
+        this.paint(layer, "shadow", this.clip);
         gl.colorMask(true, true, true, true);
-        this.bodies(layer, "lit", this.clip);
+        this.paint(layer, "lit", this.clip);
       }
-      this.annotate(density);
     }
 
-    annotate(density) { // directions of the axes and size of the grid
-      const { axes, cell } = this;
-      const context = this.over.getContext("2d"), high = this.over.height / density, { text } = THEMES[+this.dark];
-      context.setTransform(density, 0, 0, density, 0, 0);
-      context.clearRect(0, 0, this.over.width, this.over.height);
-      context.font = "12px system-ui, sans-serif";
-      context.fillStyle = text;
-      context.fillText(`grid ${cell} m`, 74, high - 14);
-      if (this.caption) context.fillText(this.caption, 14, 22);
-      ["#dc2626", "#16a34a", "#2563eb"].forEach((colour, k) => {
-        if (Math.hypot(axes[0][k], axes[1][k]) < 0.15) return; // it points to the eye
-        const [x, y] = [38 + 22 * axes[0][k], high - 38 - 22 * axes[1][k]];
-        context.strokeStyle = colour;
-        context.lineWidth = 2;
-        context.beginPath();
-        context.moveTo(38, high - 38);
-        context.lineTo(x, y);
-        context.stroke();
-        context.fillText("xyz"[k], 35 + 32 * axes[0][k], high - 34 - 32 * axes[1][k]);
-      });
-    }
-
-    // Picture of so many pixels as a data URL: the scene with its annotation.
-    picture(width, height) {
+    // Picture of so many pixels as a data URL, with a caption.
+    picture(width, height, caption) {
       this.draw(width, height, 1);
       const whole = Object.assign(document.createElement("canvas"), { width, height }), context = whole.getContext("2d");
-      for (const canvas of [this.canvas, this.over]) context.drawImage(canvas, 0, 0);
+      context.drawImage(this.canvas, 0, 0);
+      context.font = "12px system-ui, sans-serif";
+      context.fillStyle = THEMES[+this.dark].path;
+      context.fillText(caption, 14, 22);
       return whole.toDataURL("image/png");
     }
   }
@@ -634,12 +538,11 @@ const Scene3d = (() => {
         for (const [name, values] of [["force", force], ["torque", torque]])
           for (let k = 0; k < values.length; k += 3)
             longest[name] = Math.max(longest[name], Math.hypot(...values.slice(k, k + 3)));
-        scene.caption = `${time.toFixed(2)} s`;
         scene.show([stateOf(coordinates, force, torque)]);
       },
       get scene() { return scene; },
     };
   }
 
-  return { Scene, panel, posed, CAMERAS, COLOURS, near };
+  return { Scene, panel, posed, CAMERAS, near };
 })();

@@ -15,6 +15,7 @@ from numpy.testing import assert_allclose
 from PIL import Image, ImageSequence
 from systems import assert_near
 
+from trussflow.blocks.support.texts import package_text
 from trussflow.models import EULER, QUATERNION, ModelError, SpaceTruss, arm_terms
 from trussflow.models.geometry.rotation import fixed_rotation, rotation_about_z
 from trussflow.models.robots.hand_motion import hand_motion
@@ -450,9 +451,10 @@ def test_a_still_picture_shows_its_instant(opened, page_file, tmp_path):
 
 
 def test_a_panel_shows_the_state_that_it_is_given(opened, truss, run, tmp_path):
-    """Its positions are those of the page of the run; it needs no log, and no script of the page."""
+    """Its positions are those of the page of the run; it needs no log, and only charts of the page."""
     panel = scene_panel(truss, target=run.attrs["target"])
-    text = f"<p>Panel<div id=here></div><script>window.trussflowPanels = [];</script><script>{panel.script}</script>"
+    chart = package_text("chart.js", "trussflow.blocks.live")
+    text = f"<p>Panel<div id=here></div><script>{chart}window.trussflowPanels = [];</script><script>{panel.script}</script>"
     (tmp_path / "panel.html").write_text(
         f"<!DOCTYPE html><meta charset=utf-8><body data-state=ready>{text}",
         encoding="utf-8",
