@@ -55,6 +55,30 @@ function element(tag, className = "", text = "") {
   return made;
 }
 
+/** Return the bytes of a compressed element of the page. */
+async function inflated(id) {
+  const bytes = Uint8Array.from(atob($(id).textContent), (c) => c.charCodeAt(0));
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+
+/** Let a button start and stop a play: in each frame, `advance` gets the seconds since the last and returns whether to go on. */
+function player(button, advance) {
+  let running = false, last = 0;
+  const frame = (now) => {
+    if (!running) return;
+    running = advance(Math.max(0, now - last) / 1000);
+    last = now;
+    button.textContent = running ? "❚❚" : "▶";
+    requestAnimationFrame(frame);
+  };
+  button.onclick = () => {
+    running = !running;
+    button.textContent = running ? "❚❚" : "▶";
+    if (running && advance(0)) frame((last = performance.now()));
+  };
+}
+
 /** Write a text if it is new: each change costs a layout. */
 function write(node, text) {
   if (node.textContent !== text) node.textContent = text;

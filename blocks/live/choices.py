@@ -75,7 +75,7 @@ def controls(
     Returns
     -------
     list of dict
-        For each slider its name, index in p, ends, unit, meaning and bounds.
+        For each slider its name, index in p, ends, unit, meaning and limits.
 
     Raises
     ------
@@ -96,6 +96,7 @@ def controls(
         name, index = split_index(reference)
         entry = plan.p.find(name, "parameter", hint=plan.structural(name))
         declared: Parameter = plan.system.blocks[entry.path]._declared[entry.name]
+        bounds = declared.bounds
         numbers = np.arange(entry.start, entry.stop).reshape(entry.shape)
         labels = element_labels(name, entry.shape)
         try:
@@ -121,7 +122,13 @@ def controls(
                     "log": is_log,
                     "unit": readable(declared.unit),
                     "meaning": declared.meaning,
-                    "bounds": declared.bounds,
+                    # an excluded limit is one of the next number
+                    "min": bounds.get(
+                        "at least", float(np.nextafter(bounds.get("above", -np.inf), np.inf))
+                    ),
+                    "max": bounds.get(
+                        "at most", float(np.nextafter(bounds.get("below", np.inf), -np.inf))
+                    ),
                 }
             )
     return found

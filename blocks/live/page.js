@@ -1,21 +1,17 @@
 // The page: sliders ask the worker for runs, and charts, metrics and panels show the latest one.
 
-const data = JSON.parse(document.getElementById("data").textContent);
+const data = JSON.parse($("data").textContent);
 const seconds = data.tick[0] / data.tick[1];
-const bytesOf = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-const defaults = new Float64Array(bytesOf(data.numbers).buffer).slice(0, data.sizes[0]);
+const defaults = new Float64Array(Uint8Array.from(atob(data.numbers), (c) => c.charCodeAt(0)).buffer).slice(0, data.sizes[0]);
 const p = defaults.slice();
 const live = (window.trussflowLive = { redraws: 0, run: null, data, p });
-let steps = data.steps, kept = null, asked = 0, playing = 0, planned = false;
+let steps = data.steps, kept = null, asked = 0, planned = false;
 const view = { label: "time", unit: "s", cursor: null, range: null, changed: redraw, pick: (time) => { view.cursor = time; redraw(); } };
 
 /** Return the function of a run that gives a column of its log. */
 const column = (index) => (run) => {
   run.columns ??= [];
-  if (run.columns[index]) return run.columns[index];
-  const values = (run.columns[index] = new Float64Array(run.time.length));
-  for (let i = 0; i < values.length; ++i) values[i] = run.log[i * data.width + index];
-  return values;
+  return (run.columns[index] ??= Float64Array.from(run.time, (_, i) => run.log[i * data.width + index]));
 };
 const charts = data.charts.map(({ title, unit, scalar, curves }) => {
   const drawn = curves.map((curve) => ({ ...curve, unit, scalar, values: column(curve.column) }));
@@ -51,8 +47,7 @@ worker.onmessage = ({ data: message }) => {
 };
 
 async function begin() {
-  const packed = new Blob([bytesOf($("module").textContent)]).stream().pipeThrough(new DecompressionStream("deflate"));
-  worker.postMessage({ data, address: location.href.split(/[?#]/)[0], module: await new Response(packed).arrayBuffer() });
+  worker.postMessage({ data, address: location.href.split(/[?#]/)[0], module: await inflated("module") });
   ask();
 }
 
@@ -63,15 +58,17 @@ function redraw() {
   planned = true;
   requestAnimationFrame(() => {
     planned = false;
-    for (const chart of charts) chart.show(live.run, kept);
-    if (live.run.progress === undefined) table();
-    const now = Math.min(view.hover ?? view.cursor ?? Infinity, live.run.time[live.run.time.length - 1]);
+    const { run } = live, isWhole = run.progress === undefined;
+    for (const chart of charts) chart.show(run, kept);
+    const now = Math.min(view.hover ?? view.cursor ?? Infinity, run.time[run.time.length - 1]);
     write($("now"), `${quantity(now)} s`);
     $("cursor").value = now / (steps * seconds);
     update(now);
     live.redraws += 1;
     document.body.dataset.state = "ready";
-    if (live.run.progress === undefined) document.body.dataset.shown = live.run.id;
+    if (!isWhole) return;
+    table();
+    document.body.dataset.shown = run.id;
   });
 }
 
@@ -92,24 +89,26 @@ function metrics(time, values) {
   const overshoot = Math.round(1e4 * (peak - 1)) / 100; // to 0.01 %
   return { steady: end, rise: time[ninety] - time[ten], overshoot, settling: time[settled] - time[0] };
 }
-live.metrics = metrics;
 
-const rows = curves.map(({ label }) => {
-  const row = element("tr"), cells = Array.from({ length: 4 }, () => element("td"));
-  row.append(element("th", "", label), ...cells);
-  return [row, cells];
-});
-const titles = element("tr");
-titles.append(...["signal", "last value", "rise time", "overshoot", "settling time"].map((title) => element("th", "", title)));
-if (rows.length) $("metrics").append(titles, ...rows.map(([row]) => row));
+/** Fill a table with rows of texts; the first row and the first column are headings. */
+function fill(table, rows) {
+  table.replaceChildren(...rows.map((texts, r) => {
+    const row = element("tr");
+    row.append(...texts.map((text, i) => element(r && i ? "td" : "th", "", text)));
+    return row;
+  }));
+}
 
 function table() {
-  curves.forEach(({ unit, values }, i) => {
-    const [now, before] = [live.run, kept].map((run) => run && (run.metrics ??= {}) && (run.metrics[i] ??= metrics(run.time, values(run))));
-    [["steady", unit], ["rise", "s"], ["overshoot", "%"], ["settling", "s"]].forEach(([name, of], k) => {
-      write(rows[i][1][k], quantity(now[name], of) + (before ? ` (${quantity(before[name], of)})` : ""));
-    });
+  const key = `${live.run.id}, ${kept?.id}`;
+  if (!curves.length || live.listed === key) return;
+  live.listed = key;
+  const rows = curves.map(({ label, unit, values }) => {
+    const [now, before] = [live.run, kept].map((run) => run && metrics(run.time, values(run)));
+    return [label, ...[["steady", unit], ["rise", "s"], ["overshoot", "%"], ["settling", "s"]].map(([name, of]) =>
+      quantity(now[name], of) + (before ? ` (${quantity(before[name], of)})` : ""))];
   });
+  fill($("metrics"), [["signal", "last value", "rise time", "overshoot", "settling time"], ...rows]);
 }
 
 // -- the loop
@@ -127,73 +126,57 @@ function bode() {
   if (live.loop) for (const plot of plots) plot.show({ ...live.loop, time: live.loop.omega });
 }
 
-function lines(table, titles, cells) {
-  const row = (kind, texts) => {
-    const made = element("tr");
-    made.append(...texts.map((text, i) => element(i ? kind : "th", "", text)));
-    return made;
-  };
-  table.replaceChildren(row("th", titles), ...cells.map((texts) => row("td", texts)));
-}
-
 function analysis(found) {
   live.loop = found;
   const decibel = (factor) => `${quantity(20 * Math.log10(factor))} dB`, none = "–", { stable } = found;
-  lines($("margins"), ["margins", ""], stable ? [
+  fill($("margins"), stable ? [
+    ["margins", ""],
     ["gain up", found.up < Infinity ? decibel(found.up) : "∞"],
     ["gain down", found.down > 0 ? decibel(found.down) : "∞"],
     ["phase", found.angle < Infinity ? `${quantity(found.angle)}°` : none],
     ["delay", found.delay < Infinity ? quantity(found.delay, "s") : none],
     ["crossover", found.crossover > 0 ? `${quantity(found.crossover)} rad/s` : none],
-  ] : [["the closed loop is unstable", ""]]);
+  ] : [["the closed loop is unstable"]]);
   $("margins").className = stable ? "" : "unstable";
-  const upper = found.poles.map(([x, y]) => [x, Math.abs(y) < 1e-6 * Math.abs(x) ? 0 : y]).filter(([, y]) => y >= 0).sort((a, b) => b[0] - a[0]).slice(0, 10);
-  lines($("list"), ["slowest closed-loop poles", "frequency", "damping"], upper.map(([x, y]) => {
+  const upper = found.poles.map(([x, y]) => [x, Math.abs(y) < 1e-6 * Math.abs(x) ? 0 : y]).filter(([, y]) => y >= 0);
+  fill($("list"), [["slowest closed-loop poles", "frequency", "damping"], ...upper.sort((a, b) => b[0] - a[0]).slice(0, 10).map(([x, y]) => {
     const size = Math.hypot(x, y);
     return [`${quantity(x)}${y > 0 ? ` ± ${quantity(y)}j` : ""}`, `${quantity(size)} rad/s`, quantity(size ? -x / size : 1)];
-  }));
+  })]);
   bode();
 }
 
 // -- sliders
 
 const controls = data.controls.map((control) => {
-  const { low, high, log, place, bounds } = control, box = element("div", "control"), head = element("div", "head");
-  const label = element("label", "", control.name.replace(/[._]/g, "$&\u200b")), slider = element("input"), field = element("input");
-  const unit = element("span", "unit", control.unit);
-  [slider.type, field.type, field.step] = ["range", "number", "any"];
-  Object.assign(slider, { min: 0, max: 1000, step: 1 });
-  label.title = box.title = control.meaning;
-  slider.setAttribute("aria-label", control.name);
-  field.setAttribute("aria-label", `${control.name}, number`);
-  const allowed = (v) => Number.isFinite(v) && !("at least" in bounds && v < bounds["at least"]) && !("above" in bounds && v <= bounds.above)
-    && !("at most" in bounds && v > bounds["at most"]) && !("below" in bounds && v >= bounds.below);
+  const { name, low, high, log, place } = control, box = element("div", "control"), head = element("div", "head");
+  const label = element("label", "", name.replace(/[._]/g, "$&\u200b")), reset = element("button", "", "↺");
+  const slider = Object.assign(element("input"), { type: "range", min: 0, max: 1000, step: 1, ariaLabel: name });
+  const range = { min: control.min, max: control.max, step: "any" };
+  const field = Object.assign(element("input"), { type: "number", ...range, ariaLabel: `${name}, number` });
   const set = (value) => {
-    field.classList.toggle("refused", !allowed(value));
-    if (!allowed(value)) return;
     p[place] = value;
-    show();
+    slider.value = 1000 * (log ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low));
+    field.value = Number(value.toPrecision(4));
+    box.classList.toggle("changed", value !== defaults[place]);
+  };
+  const change = (value) => {
+    set(value);
     ask();
     remember();
   };
-  const show = () => {
-    const share = log ? Math.log(p[place] / low) / Math.log(high / low) : (p[place] - low) / (high - low);
-    slider.value = 1000 * share;
-    field.value = Number(p[place].toPrecision(4));
-    box.classList.toggle("changed", p[place] !== defaults[place]);
-  };
+  label.title = box.title = control.meaning;
+  reset.title = slider.title = `double-click the slider or press ↺ for ${defaults[place]}`;
+  reset.onclick = slider.ondblclick = () => change(defaults[place]);
   slider.oninput = () => {
     const share = slider.value / 1000;
-    set(Number((log ? low * (high / low) ** share : low + (high - low) * share).toPrecision(4)));
+    change(Number((log ? low * (high / low) ** share : low + (high - low) * share).toPrecision(4)));
   };
-  field.onchange = () => set(field.value === "" ? NaN : Number(field.value));
-  const reset = element("button", "", "↺");
-  reset.title = slider.title = `double-click the slider or press ↺ for ${defaults[place]}`;
-  reset.onclick = slider.ondblclick = () => set(defaults[place]);
-  head.append(label, field, unit, reset);
+  field.onchange = () => { if (field.value && field.checkValidity()) change(Number(field.value)); };
+  head.append(label, field, element("span", "unit", control.unit), reset);
   box.append(head, slider);
   $("controls").append(box);
-  return { ...control, set, show, allowed };
+  return { ...control, set, field };
 });
 
 // -- values in the address
@@ -204,20 +187,21 @@ function remember() {
   later = setTimeout(() => history.replaceState(null, "", address()), 200);
 }
 
+const changed = () => controls.filter(({ place }) => p[place] !== defaults[place]);
+
 function address() {
-  const changed = new URLSearchParams(controls.filter(({ place }) => p[place] !== defaults[place]).map(({ name, place }) => [name, p[place]]));
-  if (steps !== data.steps) changed.set("duration", steps * seconds);
-  return `${location.pathname}${location.search}#${changed}`;
+  const values = new URLSearchParams(changed().map(({ name, place }) => [name, p[place]]));
+  if (steps !== data.steps) values.set("duration", steps * seconds);
+  return `${location.pathname}${location.search}#${values}`;
 }
 
 function recall() {
-  const said = new URLSearchParams(location.hash.slice(1));
-  for (const { name, place, allowed } of controls) {
-    const value = Number(said.get(name));
-    p[place] = said.get(name) && allowed(value) ? value : defaults[place];
+  const values = new URLSearchParams(location.hash.slice(1));
+  for (const { name, place, field, set } of controls) {
+    field.value = values.get(name);
+    set(field.value && field.checkValidity() ? Number(field.value) : defaults[place]);
   }
-  span(Number(said.get("duration")) || data.steps * seconds);
-  for (const control of controls) control.show();
+  span(Number(values.get("duration")) || data.steps * seconds);
 }
 
 function span(duration) {
@@ -228,19 +212,15 @@ function span(duration) {
 
 /** Return the call of simulate that repeats the run. */
 function python() {
-  const list = ([start, ...shape]) => {
-    if (!shape.length) return String(p[start]);
-    const inner = shape.slice(1), size = inner.reduce((a, b) => a * b, 1);
-    return `[${Array.from({ length: shape[0] }, (_, i) => list([start + i * size, ...inner])).join(", ")}]`;
-  };
-  const changed = new Set(controls.filter(({ place }) => p[place] !== defaults[place]).map(({ array }) => array));
-  const values = [...changed].map((name) => `        ${JSON.stringify(name)}: ${list(data.arrays[name])},\n`).join("");
-  return `from trussflow.blocks import simulate\n\nresult = simulate(\n    diagram,\n    ${steps * seconds},\n    step=${seconds},\n`
-    + `    solver=${JSON.stringify(data.solver)},\n    log=${JSON.stringify(data.logged)},\n    log_step=${(data.every * Math.ceil(steps / data.steps) * data.tick[0]) / data.tick[1]},\n`
-    + `${values && `    parameters={\n${values}    },\n`})\n`;
+  const nested = (start, [size, ...shape]) => (size === undefined ? p[start]
+    : Array.from({ length: size }, (_, i) => nested(start + i * shape.reduce((a, b) => a * b, 1), shape)));
+  const { solver, logged: log, arrays } = data, every = data.every * Math.ceil(steps / data.steps);
+  const parameters = Object.fromEntries(changed().map(({ array }) => [array, nested(arrays[array][0], arrays[array].slice(1))]));
+  const settings = { step: seconds, solver, log, log_step: (every * data.tick[0]) / data.tick[1], parameters };
+  const lines = Object.entries(settings).map(([name, value]) => `    ${name}=${JSON.stringify(value)},\n`);
+  return `from trussflow.blocks import simulate\n\nresult = simulate(\n    diagram,\n    ${steps * seconds},\n${lines.join("")})\n`;
 }
-Object.assign(live, { python, address });
-
+Object.assign(live, { metrics, python, address });
 
 // -- buttons, cursor and panels
 
@@ -260,25 +240,12 @@ $("keep").onclick = () => {
 };
 $("duration").onchange = () => { span(Number($("duration").value)); ask(); remember(); };
 $("cursor").oninput = () => { view.cursor = $("cursor").value * steps * seconds; redraw(); };
-
-function play() {
-  cancelAnimationFrame(playing);
-  playing = playing ? 0 : -1;
-  $("play").textContent = playing ? "❚❚" : "▶";
-  if (!playing) return;
+player($("play"), (passed) => {
   const end = steps * seconds;
-  let before = performance.now();
-  if (view.cursor === null || view.cursor >= end) view.cursor = 0;
-  const frame = (now) => {
-    view.cursor = Math.min(end, view.cursor + (now - before) / 1000);
-    before = now;
-    redraw();
-    playing = requestAnimationFrame(frame);
-    if (view.cursor >= end) play();
-  };
-  playing = requestAnimationFrame(frame);
-}
-$("play").onclick = play;
+  view.cursor = !passed && view.cursor >= end ? 0 : Math.min(end, view.cursor + passed);
+  redraw();
+  return view.cursor < end;
+});
 
 const panels = window.trussflowPanels.filter((panel) => {
   const box = element("div", "panel");

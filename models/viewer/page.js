@@ -4,13 +4,6 @@
 
 // ---- what lies in the page -----------------------------------------------------------------------------
 
-async function inflated(id) {
-  const text = atob($(id).textContent), bytes = new Uint8Array(text.length);
-  for (let i = 0; i < text.length; i++) bytes[i] = text.charCodeAt(i);
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-  return new Uint8Array(await new Response(stream).arrayBuffer());
-}
-
 // Bytes lie sorted by their place in the number (they compress better), numbers by component.
 function unpacked(blob, { offset, shape, width }) {
   const count = shape.reduce((a, b) => a * b, 1);
@@ -40,18 +33,16 @@ function stateOf(run, t) {
 
 class Page {
   constructor(head, camera) {
-    Object.assign(this, head, { playing: false, charts: [] });
+    Object.assign(this, head, { charts: [] });
     this.start = Math.min(...this.runs.map((run) => run.time[0][0]));
     this.end = Math.max(...this.runs.map((run) => run.time[0].at(-1)));
     this.t = this.start;
     const changed = (all) => this.charts.forEach((chart) => (all ? chart.draw() : chart.mark()));
     this.view = { label: "time", unit: "s", ends: [this.start, this.end], pick: (t) => this.show(t), changed };
-    this.theme = matchMedia("(prefers-color-scheme: dark)");
     const longest = Object.fromEntries(["force", "torque"].map((name) => [name, this.peak(name)]));
     const count = this.runs[0].root.length, cloud = this.poses();
     const target = this.target && { root: this.target.slice(0, count), joints: this.target.slice(count), modes: [] };
-    const paths = this.runs.map((run) => this.path(run)), dark = this.theme.matches;
-    const options = { target, longest, paths, camera, dark, cloud };
+    const paths = this.runs.map((run) => this.path(run)), options = { target, longest, paths, camera, cloud };
     this.scene = new Scene3d.Scene($("picture"), this.runs, this.states(this.t), options);
   }
 
@@ -84,18 +75,17 @@ class Page {
   }
 
   legend() {
-    $("legend").textContent = "";
-    for (const [name, colour] of this.scene.legend()) {
-      const entry = element("button", "entry"), mark = element("i");
+    $("legend").replaceChildren(...this.scene.legend().map(([name, colour]) => {
+      const entry = element("button", "entry", name), mark = element("i");
       entry.title = "show or hide";
       mark.style.background = colour;
-      entry.append(mark, name);
-      $("legend").append(entry);
-      entry.addEventListener("click", () => {
+      entry.prepend(mark);
+      entry.onclick = () => {
         this.scene.toggle(name);
         entry.classList.toggle("off");
-      });
-    }
+      };
+      return entry;
+    }));
   }
 
   show(t) {
@@ -106,35 +96,6 @@ class Page {
     this.scene.show(this.states(this.t), this.scale);
     this.view.cursor = this.t;
     this.view.changed();
-  }
-
-  dress() { // in light or dark
-    this.scene.dark = this.theme.matches;
-    this.scene.draw();
-    this.legend();
-    this.view.changed(true);
-  }
-
-  step(count) {
-    const time = this.runs[0].time[0], i = indexOf(time, this.t + 1e-9) + count;
-    this.show(time[Math.min(time.length - 1, Math.max(0, i))]);
-  }
-
-  play(on = !this.playing) {
-    this.playing = on;
-    $("play").textContent = on ? "❚❚ pause" : "▶ play";
-    if (!on) return;
-    if (this.t >= this.end) this.t = this.start;
-    let last = performance.now();
-    const tick = (now) => {
-      if (!this.playing) return;
-      const elapsed = Math.max(0, now - last) / 1000;
-      last = Math.max(now, last);
-      this.show(this.t + elapsed * Number($("speed").value));
-      if (this.t >= this.end) this.play(false);
-      else requestAnimationFrame(tick);
-    };
-    requestAnimationFrame(tick);
   }
 
   // Frames of a film from this instant to `end` as data URLs, one a line, for a program that reads the page.
@@ -164,11 +125,9 @@ class Page {
   }
 }
 
-// ---- its controls --------------------------------------------------------------------------------------
+// ---- its controls
 
-const choices = (select, named) => {
-  for (const [value, text] of named) select.append(new Option(text, value));
-};
+const choices = (select, named) => select.append(...Array.from(named, ([value, text]) => new Option(text, value)));
 
 function chartsOf(page) {
   const label = ({ name, units }) => [name, name.replaceAll("_", " ") + (units && ` [${units}]`)];
@@ -186,20 +145,17 @@ function chartsOf(page) {
 }
 
 function listen(page) {
-  const on = (id, event, action) => $(id).addEventListener(event, action);
-  on("play", "click", () => page.play());
-  on("back", "click", () => page.step(-1));
-  on("forth", "click", () => page.step(1));
-  on("time", "input", () => page.show(Number($("time").value)));
-  on("exaggeration", "input", () => page.show(page.t));
-  on("camera", "change", () => page.scene.look($("camera").value));
-  on("follow", "change", () => page.scene.follow($("follow").value));
-  page.theme.addEventListener("change", () => page.dress());
-  document.addEventListener("keydown", (event) => {
-    const keys = { " ": () => page.play(), ArrowLeft: () => page.step(-1), ArrowRight: () => page.step(1) };
-    if (!keys[event.key] || event.target !== document.body) return;
-    event.preventDefault();
-    keys[event.key]();
+  player($("play"), (passed) => {
+    page.show(!passed && page.t >= page.end ? page.start : page.t + passed * Number($("speed").value));
+    return page.t < page.end;
+  });
+  $("time").oninput = () => page.show(Number($("time").value));
+  $("exaggeration").oninput = () => page.show(page.t);
+  $("camera").onchange = () => page.scene.look($("camera").value);
+  $("follow").onchange = () => page.scene.follow($("follow").value);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+    page.legend();
+    page.view.changed(true);
   });
 }
 
@@ -225,7 +181,8 @@ async function begin() {
   page.t = time("t", page.start);
   $("follow").value = asked.get("follow") ?? (page.scene.far ? "truss" : "nothing");
   page.scene.followed = $("follow").value;
-  [$("time").min, $("time").max] = [page.start, page.end];
+  // The arrow keys move the slider by one instant of the picture.
+  Object.assign($("time"), { min: page.start, max: page.end, step: (page.end - page.start) / (page.runs[0].time[0].length - 1) });
   if (page.runs.length > 1) $("second").textContent = `faint curves: ${page.runs[1].name}`;
   page.legend();
   if (asked.has("film")) {

@@ -230,14 +230,14 @@ const Scene3d = (() => {
   class Scene {
     // `runs` have a name and a truss, `states` their first state (see `posed`; with force and torque of the bases);
     // `cloud` are poses that the picture shows, `paths` those of the roots, `longest` the largest force and torque.
-    constructor(element, runs, states, { target, cloud = [], paths = [], longest = {}, camera = "oblique", dark = false }) {
+    constructor(element, runs, states, { target, cloud = [], paths = [], longest = {}, camera = "oblique" }) {
       this.element = element;
       this.canvas = element.appendChild(document.createElement("canvas"));
       element.style.position = "relative";
       this.canvas.style.cssText = "position:absolute;inset:0;width:100%;height:100%;touch-action:none";
       this.gl = this.canvas.getContext("webgl2", { antialias: true });
       if (!this.gl) throw new Error("the browser has no WebGL 2; allow hardware or software rendering");
-      Object.assign(this, { runs, paths, longest, dark, scale: 1, followed: "nothing", hidden: new Set(), zoom: 1 });
+      Object.assign(this, { runs, paths, longest, scale: 1, followed: "nothing", hidden: new Set(), zoom: 1 });
       this.moved = [0, 0, 0]; // of the camera's target, by the reader [m]
       this.sizes = runs.map(({ truss }) => radiiOf(truss));
       this.goal = target && posed(runs[0].truss, target, 0);
@@ -248,6 +248,12 @@ const Scene3d = (() => {
       this.lost = this.cloud.length < corners.length;
       const extent = ([low, high], value) => [Math.min(low, value), Math.max(high, value)];
       this.bounds = [0, 1, 2].map((k) => this.cloud.map((point) => point[k]).reduce(extent, [Infinity, -Infinity]));
+      const theme = matchMedia("(prefers-color-scheme: dark)");
+      this.dark = theme.matches;
+      theme.addEventListener("change", () => {
+        this.dark = theme.matches;
+        this.draw();
+      });
       this.prepare();
       this.states = states;
       this.look(camera);
@@ -520,18 +526,16 @@ const Scene3d = (() => {
   // Panel of a page that simulates. `names` are the signals of coordinates, forces and torques; `ends` those of the
   // root and of the joints in the coordinates.
   function panel({ truss, names, ends, start, target }) {
-    const longest = { force: 0, torque: 0 }, theme = matchMedia("(prefers-color-scheme: dark)");
+    const longest = { force: 0, torque: 0 };
     const stateOf = (q, force = [], torque = []) =>
       ({ root: q.slice(0, ends[0]), joints: q.slice(ends[0], ends[1]), modes: q.slice(ends[1]), force, torque });
     let scene;
     return {
       mount(element) {
         element.style.height = "26rem";
-        const goal = target && stateOf(target);
-        const options = { target: goal, longest, dark: theme.matches };
+        const options = { target: target && stateOf(target), longest };
         scene = new Scene(element, [{ name: "run", truss }], [stateOf(start)], options);
         scene.followed = "truss";
-        theme.addEventListener("change", () => { scene.dark = theme.matches; scene.redraw(); });
       },
       update(time, signals) {
         const [coordinates, force, torque] = names.map((name) => Array.from(signals[name] ?? []));

@@ -153,7 +153,7 @@ def test_a_moved_slider_changes_the_charts(pid_page, window):
     field = window.page.get_by_label("law.filter_time, number", exact=True)
     field.fill("-1")
     field.dispatch_event("change")
-    window.wait("document.querySelector('input.refused')")
+    window.wait("document.querySelector('input:invalid')")
     assert window.page.evaluate("asked") == number
     assert not window.complaints
 
