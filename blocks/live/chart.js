@@ -243,7 +243,7 @@ class Chart {
 
   /** Write the legend, one entry for equal curves, if it is new. */
   name(groups) {
-    const texts = groups.map((group) => group.map(({ curve }) => curve.brief ?? curve.label).join(" = "));
+    const texts = groups.map((group) => group.map(({ curve }) => curve.label).join(" = "));
     if (this.names === (this.names = JSON.stringify(texts))) return;
     this.legend.textContent = "";
     this.readouts = groups.map((group, k) => {

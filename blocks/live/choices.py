@@ -39,9 +39,6 @@ MAX_CURVES, MAX_DEFAULT_CURVES = 8, 48
 RANGE_FACTOR = 4.0
 """Ratio of the end of a slider to the value in its middle [-]."""
 
-RANGE_EDGE = 1e-3
-"""Distance of a slider's end from a limit that is not allowed itself, relative to the range [-]."""
-
 STEPS_PER_RADIAN = 20.0
 """Steps per time constant of the fastest mode [-]."""
 
@@ -96,7 +93,6 @@ def controls(
         name, index = split_index(reference)
         entry = plan.p.find(name, "parameter", hint=plan.structural(name))
         declared: Parameter = plan.system.blocks[entry.path]._declared[entry.name]
-        bounds = declared.bounds
         numbers = np.arange(entry.start, entry.stop).reshape(entry.shape)
         labels = element_labels(name, entry.shape)
         try:
@@ -104,33 +100,21 @@ def controls(
         except IndexError as error:
             raise NameLookupError(f"parameter '{reference}': {error}") from None
         for place in places.tolist():
-            low, high, is_log = _range(reference, float(p[place]), declared, ends)
-            if _starts_in_python(plan, p, entry.path, place, high):
-                if chosen is None:
-                    continue
+            control = {
+                "name": labels[place - entry.start],
+                "array": name,
+                "place": place,
+                "unit": readable(declared.unit),
+                "meaning": declared.meaning,
+                **_range(reference, float(p[place]), declared.bounds, ends),
+            }
+            if not _starts_in_python(plan, p, entry.path, place, control["high"]):
+                found.append(control)
+            elif chosen is not None:
                 raise SimulationError(
-                    f"'{labels[place - entry.start]}' cannot have a slider: initial() of block '{entry.path}' "
+                    f"'{control['name']}' cannot have a slider: initial() of block '{entry.path}' "
                     "computes a state from it in Python; choose other parameters"
                 )
-            found.append(
-                {
-                    "name": labels[place - entry.start],
-                    "array": name,
-                    "place": place,
-                    "low": low,
-                    "high": high,
-                    "log": is_log,
-                    "unit": readable(declared.unit),
-                    "meaning": declared.meaning,
-                    # an excluded limit is one of the next number
-                    "min": bounds.get(
-                        "at least", float(np.nextafter(bounds.get("above", -np.inf), np.inf))
-                    ),
-                    "max": bounds.get(
-                        "at most", float(np.nextafter(bounds.get("below", np.inf), -np.inf))
-                    ),
-                }
-            )
     return found
 
 
@@ -169,53 +153,49 @@ def _starts_in_python(
 
 
 def _range(
-    name: str, value: float, declared: Parameter, ends: Ends | None
-) -> tuple[float, float, bool]:
-    """Return the ends of a slider, and whether its scale is logarithmic."""
-    bounds, is_finite = declared.bounds, abs(value) < MAX_CONTROL_VALUE
+    name: str, value: float, bounds: Mapping[str, float], ends: Ends | None
+) -> dict[str, Any]:
+    """Return the limits and ends of a slider, and whether its scale is logarithmic."""
+    # The neighbour of a limit that is not allowed itself; finite, as JSON has no infinity.
+    least, most = (
+        bounds.get(reached, float(np.nextafter(bounds.get(excluded, far), -far)))
+        for reached, excluded, far in (
+            ("at least", "above", -np.inf),
+            ("at most", "below", np.inf),
+        )
+    )
+    is_finite, is_log = abs(value) < MAX_CONTROL_VALUE, False
     if ends is not None:
         low, high = finite_array(f"the range of '{name}'", ends, (2,)).tolist()
         if (is_finite and not low <= value <= high) or low == high:
             raise SimulationError(
                 f"the range {low:g} to {high:g} of parameter '{name}' must contain its value {value:g}"
             )
-        return low, high, low > 0.0 and high / low >= RANGE_FACTOR**3
-    if not is_finite:
+        is_log = low > 0.0 and high / low >= RANGE_FACTOR**3
+    elif not is_finite:
         raise SimulationError(
             f"parameter '{name}' is infinite; give the ends of its slider: parameters={{'{name}': (low, high)}}"
         )
-    least = bounds.get("at least", bounds.get("above", -np.inf))
-    most = bounds.get("at most", bounds.get("below", np.inf))
-    if np.isfinite(most - least):
-        edge = RANGE_EDGE * (most - least)
-        return (
-            least + edge * ("above" in bounds),
-            most - edge * ("below" in bounds),
-            False,
-        )
-    if value == 0.0:
-        return max(-1.0, least), min(1.0, most), False
-    low, high = sorted((value / RANGE_FACTOR, value * RANGE_FACTOR))
-    return max(low, least), min(high, most), low > 0.0
+    elif most - least < MAX_CONTROL_VALUE:
+        low, high = least, most
+    else:
+        low, high = sorted((value / RANGE_FACTOR, value * RANGE_FACTOR))
+        is_log = low > 0.0
+        low, high = max(low or -1.0, least), min(high or 1.0, most)
+    return {"low": low, "high": high, "log": is_log, "min": least, "max": most}
 
 
 def usual_signals(system: System) -> dict[str, Port]:
-    """Return the signals of a page by name: exposed outputs, else unread outputs, else scalar outputs."""
+    """Return the signals of a page by name: exposed outputs, otherwise unread ones, otherwise all."""
     outputs = [port for block in system.blocks.values() for port in block.outputs()]
-    read = {
-        driver.source.path
-        for drivers in system.drivers.values()
-        for driver in drivers
-        if driver.source is not None
-    }
-    candidates = (
-        system.root.outputs(),
-        [port for port in outputs if port.path not in read],
-        [port for port in outputs if port.size == 1],
-        outputs,
-    )
+    drivers = [driver for each in system.drivers.values() for driver in each]
+    read = {driver.source.path for driver in drivers if driver.source is not None}
     found, size = dict[str, Port](), 0
-    for port in next(filter(None, candidates)):
+    for port in (
+        system.root.outputs()
+        or [port for port in outputs if port.path not in read]
+        or outputs
+    ):
         size += port.size
         if not found or size <= MAX_DEFAULT_CURVES:
             found[port.name if port.block is system.root else port.path] = port
@@ -237,9 +217,8 @@ def charts(channels: Sequence[Channel]) -> list[dict[str, Any]]:
         units = channel.port.element_units()
         for label, column, unit in zip(_labels(channel), columns, units, strict=True):
             curve = {
-                "label": label,
-                # The title of a chart has the name already.
-                "brief": label.removeprefix(own).strip() if own else label,
+                # The title of a chart of an array has its name.
+                "label": label.removeprefix(own).strip(),
                 "column": channel.columns.start + column,
             }
             shared.setdefault((own, readable(unit or "")), []).append(curve)

@@ -1,17 +1,11 @@
 "use strict";
-// Linear analysis in the worker: poles, frequency response and margins of a loop {n, A, B, C, D}, A row by row.
+// Linear analysis in the worker: poles, frequency response and margins of a loop, the rows of [A, B; C, D].
 // Complex numbers are [real, imaginary].
 
 const plus = ([a, b], [c, d]) => [a + c, b + d], minus = ([a, b], [c, d]) => [a - c, b - d];
 const times = ([a, b], [c, d]) => [a * c - b * d, a * d + b * c], conjugate = ([a, b]) => [a, -b];
 const scaled = ([a, b], factor) => [a * factor, b * factor], size = ([a, b]) => Math.abs(a) + Math.abs(b);
 const divided = (p, q) => scaled(times(p, conjugate(q)), 1 / (q[0] * q[0] + q[1] * q[1]));
-
-/** Return the matrix [A, B; C, D] as rows. */
-function bordered(n, A, B, C, D) {
-  const rows = Array.from({ length: n }, (_, i) => [...A.subarray(i * n, i * n + n), B[i]]);
-  return [...rows, [...C, D]];
-}
 
 /** Balance A of [A, B; C, D] by powers of two, and reduce it to Hessenberg form by reflections; change B and C as well. */
 function hessenberg(n, M) {
@@ -49,7 +43,7 @@ function hessenberg(n, M) {
 
 /** Return the eigenvalues of A in Hessenberg form, by complex QR with Wilkinson's shifts. */
 function eigenvalues(n, M) {
-  const H = M.map((row) => row.map((value) => [value, 0])), found = [];
+  const H = M.map((row) => row.map((value) => [value, 0])), found = []; // the border is not used
   for (let m = n - 1, turns = 0; m >= 0; ) {
     let l = m;
     while (l > 0 && size(H[l][l - 1]) > Number.EPSILON * (size(H[l - 1][l - 1]) + size(H[l][l]))) --l;
@@ -107,10 +101,10 @@ function response(n, M, w) {
 }
 
 /** Return closed-loop poles, Bode plot and margins of a loop gain for negative feedback. */
-function analysed({ n, A, B, C, D }) {
-  const closed = A.map((a, k) => a - (B[Math.floor(k / n)] * C[k % n]) / (1 + D));
-  const [M, closedM] = [A, closed].map((a) => hessenberg(n, bordered(n, a, B, C, D)));
-  const poles = eigenvalues(n, closedM), open = eigenvalues(n, M);
+function analysed(rows) {
+  const n = rows.length - 1, D = rows[n][n];
+  const closed = rows.map((row, i) => row.map((value, j) => value - (rows[i][n] * rows[n][j]) / (1 + D)));
+  const M = hessenberg(n, rows), open = eigenvalues(n, M), poles = eigenvalues(n, hessenberg(n, closed));
   const sizes = [...poles, ...open].map(([x, y]) => Math.hypot(x, y)), fast = Math.max(...sizes, 1e-300);
   const slow = Math.min(fast, ...sizes.filter((s) => s > 1e-9 * fast)), [low, high] = [0.01 * slow, 100 * fast];
   const number = n > 60 ? 300 : 600, grid = Array.from({ length: number }, (_, k) => low * (high / low) ** (k / (number - 1)));

@@ -6,18 +6,19 @@ const LARGE = 40; // states above which the loop is analysed only when the value
 const REST = 200; // ms
 
 let engine = null, wanted = null, busy = false;
+const doubles = (text) => new Float64Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
 const rest = (time) => new Promise((resolve) => setTimeout(resolve, time));
 
 async function serve(job) {
   const begin = performance.now();
   let reported = begin;
   const pause = async (share, result) => {
-    if (performance.now() - reported > QUIET) {
-      postMessage({ id: job.id, progress: share, ...result(), fault: "" });
-      reported = performance.now();
-    }
+    const now = performance.now();
+    if (now - reported < QUIET) return false;
+    postMessage({ id: job.id, progress: share, ...result(), fault: "" });
+    reported = now;
     await rest(0);
-    return wanted && performance.now() - begin > PATIENCE;
+    return wanted && now - begin > PATIENCE;
   };
   const result = await engine.run(job, pause);
   if (!result) return;

@@ -30,7 +30,7 @@ class Engine {
         rest = lines.pop();
         for (const line of lines) {
           const { rows: packed, fault } = JSON.parse(line);
-          parts.push(new Float64Array(Uint8Array.from(atob(packed), (c) => c.charCodeAt(0)).buffer));
+          parts.push(doubles(packed));
           if (fault !== undefined) return { ...this.result(parts), fault };
           rows += parts.at(-1).length / (this.data.width + 1);
         }

@@ -1,7 +1,7 @@
 "use strict";
 // The worker of a live page: runs the compiled equations, so that the page never waits for them.
 
-const SLICE = 25; // ms between looks for new values
+const CHUNKS = 200; // of a run, between which new values are seen
 
 class Engine {
   static async of({ data, module }) {
@@ -25,11 +25,9 @@ class Engine {
     this.fault = this.take(4);
     this.kinds = this.take(data.kinds.length);
     new Int8Array(exports.memory.buffer, this.kinds).set(data.kinds);
-    const bytes = Uint8Array.from(atob(data.numbers), (c) => c.charCodeAt(0));
-    this.start = new Float64Array(bytes.buffer).subarray(p);
+    this.start = doubles(data.numbers).subarray(p);
     if (data.loop) {
-      const values = Uint8Array.from(atob(data.loop.values), (c) => c.charCodeAt(0));
-      this.opened = new Float64Array(values.buffer);
+      this.opened = doubles(data.loop.values);
       this.point = this.take(8 * (this.opened.length + x + 1));
       this.wire = this.take(8 * Math.max(x + 1, data.loop.size));
     }
@@ -37,7 +35,7 @@ class Engine {
     this.room = -1;
   }
 
-  /** Return the matrices of the loop at a point (time, x, d), for negative feedback. */
+  /** Return the rows of the matrix [A, B; C, D] of the loop at a point (time, x, d), for negative feedback. */
   linear(time, x, d) {
     const { sizes: [, n], loop } = this.data, size = this.opened.length;
     this.array(this.x, n).set(x);
@@ -48,18 +46,16 @@ class Engine {
     values.set(this.opened);
     values.set(d.subarray(0, loop.kept));
     values[loop.sent] = wire;
-    const found = { n, A: new Float64Array(n * n), B: null, C: new Float64Array(n), D: 0 };
+    const rows = Array.from({ length: n + 1 }, () => []);
     for (let k = 0; k <= n; ++k) {
       direction.fill(0);
       direction[k] = 1;
       this.evaluate("slope", time, this.x, this.point, this.wire);
-      const slope = this.array(this.wire, n + 1).slice();
+      const slope = this.array(this.wire, n + 1);
       if (!slope.every(Number.isFinite)) throw Error(`the loop at '${loop.name}' has no finite derivative there`);
-      if (k === n) [found.B, found.D] = [slope.subarray(0, n), -slope[n]];
-      else found.C[k] = -slope[n];
-      for (let i = 0; i < n && k < n; ++i) found.A[i * n + k] = slope[i];
+      rows.forEach((row, i) => { row[k] = i < n ? slope[i] : -slope[n]; });
     }
-    return found;
+    return rows;
   }
 
   /** Return the address of new memory. */
@@ -115,19 +111,16 @@ class Engine {
     this.array(this.x, nx).set(this.array(this.after, nx));
     this.array(this.d, nd).set(this.array(this.after, nx + stored).subarray(nx));
     const begin = [0, this.array(this.x, nx).slice(), this.array(this.d, nd).slice()];
-    let row = 0, k = 0, chunk = 16, fault = "";
+    let row = 0, k = 0, fault = "";
     while (k < job.steps && !fault) {
-      const number = Math.min(chunk, job.steps - k), from = performance.now();
-      const taken = Number(this.c.tf_advance(this.work, method, over, under, BigInt(k), BigInt(number),
+      const number = Math.min(Math.ceil(job.steps / CHUNKS), job.steps - k);
+      k += Number(this.c.tf_advance(this.work, method, over, under, BigInt(k), BigInt(number),
         this.x, this.d, this.p, this.due + 2 * k, this.logged + k, this.log + 8 * width * row, BigInt(width),
         this.fault, this.bad, this.kinds, sides));
-      k += taken;
       const code = new Int32Array(this.c.memory.buffer, this.fault, 1)[0];
       row = Math.ceil((k + (code && code !== 2)) / every);
       if (code) fault = this.explain(code, (k * over) / under, ((k + 1) * over) / under);
-      const spent = performance.now() - from;
-      chunk = Math.max(16, Math.min(4 * chunk, Math.floor((chunk * SLICE) / Math.max(spent, 0.1))));
-      if (spent > SLICE / 4 && k < job.steps && (await pause(k / job.steps, () => this.result(row)))) return null;
+      if (k < job.steps && (await pause(k / job.steps, () => this.result(row)))) return null;
     }
     const end = (k * over) / under, due = new Uint16Array(this.c.memory.buffer, this.due, job.steps + 1)[k];
     if (!fault && due) {
@@ -161,10 +154,11 @@ class Engine {
   explain(code, time, after) {
     const bad = this.array(this.bad, Math.max(...this.data.sizes) + 1), [, nx, nd] = this.data.sizes;
     const at = (t) => `at t = ${Number(t.toPrecision(6))} s`;
-    if (code === 1) return `${this.named(0, bad.subarray(0, nx))} stopped being finite ${at(after)}`;
-    if (code === 2) return `${this.named(1, bad.subarray(0, nd), this.data.modes)} stopped being finite ${at(time)}`;
-    if (code === 3) return `an event indicator is not a number ${at(time)}`;
-    if (code === 4) return `events follow each other without end ${at(bad[0])}`;
-    return `an algebraic loop has no solution ${at(bad[0])}`;
+    return {
+      1: `${this.named(0, bad.subarray(0, nx))} stopped being finite ${at(after)}`,
+      2: `${this.named(1, bad.subarray(0, nd), this.data.modes)} stopped being finite ${at(time)}`,
+      3: `an event indicator is not a number ${at(time)}`,
+      4: `events follow each other without end ${at(bad[0])}`,
+    }[code] ?? `an algebraic loop has no solution ${at(bad[0])}`;
   }
 }

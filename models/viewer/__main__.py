@@ -57,7 +57,7 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
     found.add_argument(
         "--movie",
         type=Path,
-        help="film to write, .gif, .mp4 or .webm; needs Chromium or Chrome, and ffmpeg unless it is a .gif",
+        help="animated .gif to write; needs Chromium or Chrome",
     )
     found.add_argument(
         "--frame",

@@ -5,8 +5,6 @@ from __future__ import annotations
 import base64
 import io
 import re
-import shutil
-import subprocess
 from pathlib import Path
 
 from trussflow.blocks.support.files import replaced
@@ -14,11 +12,6 @@ from trussflow.models.errors import ModelError
 from trussflow.models.validation import check_number
 from trussflow.models.viewer.still import browsed
 
-VIDEO_OPTIONS = {
-    ".mp4": "-movflags +faststart",
-    ".webm": "-c:v libvpx-vp9 -crf 30 -b:v 0",
-}
-"""Options of ffmpeg, keyed by the suffix of the file."""
 FRAME_RATE = 15.0  # 1/s
 GIF_COLOURS = 128
 """Number of colours of an animated GIF [-]."""
@@ -46,7 +39,7 @@ def movie(
     page : str or pathlib.Path
         Page to show.
     path : str or pathlib.Path
-        File to write: ``.gif``, or ``.mp4`` or ``.webm``, which need the program ffmpeg.
+        File to write, an animated ``.gif``.
     start, end : float, optional
         First and last instant of the run; by default those of the page [s].
     duration : float
@@ -58,7 +51,7 @@ def movie(
     exaggeration : float, optional
         Exaggeration of the deformation, 1 to 500; by default that of the page [-].
     size : tuple of int
-        Width and height, even numbers [pixel].
+        Width and height [pixel].
 
     Returns
     -------
@@ -68,17 +61,10 @@ def movie(
     Raises
     ------
     ModelError
-        If the file has another suffix or ffmpeg is missing, or `still` would raise.
+        If the file has another suffix, or `still` would raise.
     """
-    suffix, program = Path(path).suffix.lower(), shutil.which("ffmpeg")
-    if suffix != ".gif" and suffix not in VIDEO_OPTIONS:
-        raise ModelError(
-            f"cannot write the film '{path}': its name must end in .gif, .mp4 or .webm"
-        )
-    if suffix != ".gif" and program is None:
-        raise ModelError(
-            f"cannot write the film '{path}': the program ffmpeg is not found; install it, or write a .gif file"
-        )
+    if Path(path).suffix.lower() != ".gif":
+        raise ModelError(f"cannot write the film '{path}': its name must end in .gif")
     check_number("movie", duration=duration)
     count = max(2, round(duration * FRAME_RATE))
     text = browsed(
@@ -98,10 +84,7 @@ def movie(
             f"cannot write the film '{path}': the browser returned {len(frames)} of {count} frames"
         )
     with replaced(path) as partial:
-        if suffix == ".gif":
-            partial.write_bytes(_animated(frames))
-        else:
-            _encoded(str(program), frames, partial, suffix)
+        partial.write_bytes(_animated(frames))
     return Path(path)
 
 
@@ -120,18 +103,3 @@ def _animated(frames: list[bytes]) -> bytes:
     return raw.getvalue()
 
 
-def _encoded(program: str, frames: list[bytes], path: Path, suffix: str) -> None:
-    """Write frames as a video by ffmpeg."""
-    words = (
-        f"-loglevel error -f image2pipe -framerate {FRAME_RATE:g} -c:v png -i - "
-        f"-pix_fmt yuv420p {VIDEO_OPTIONS[suffix]} -f {suffix[1:]} -y"
-    )
-    done = subprocess.run(
-        [program, *words.split(), str(path)],
-        input=b"".join(frames),
-        capture_output=True,
-        check=False,
-    )
-    if done.returncode:
-        why = done.stderr.decode(errors="replace").strip()[-500:]
-        raise ModelError(f"cannot write the film: ffmpeg failed: {why}")
