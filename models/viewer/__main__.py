@@ -39,10 +39,7 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
     found.add_argument(
         "--truss",
         choices=STRUCTURES,
-        help="plant of the run; default: that in the result",
-    )
-    found.add_argument(
-        "--other-truss", choices=STRUCTURES, help="plant of the second run"
+        help="plant of the runs; default: those in the results",
     )
     found.add_argument(
         "--names", nargs=2, default=["run", "other run"], help="names of the runs"
@@ -55,9 +52,7 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         "--png", type=Path, help="picture to write; needs Chromium or Chrome"
     )
     found.add_argument(
-        "--movie",
-        type=Path,
-        help="animated .gif to write; needs Chromium or Chrome",
+        "--movie", type=Path, help="animated .gif to write; needs Chromium or Chrome"
     )
     found.add_argument(
         "--frame",
@@ -87,7 +82,6 @@ def view(options: argparse.Namespace) -> Outcome:
                 options.truss,
                 options.output,
                 other=options.other,
-                other_truss=options.other_truss,
                 names=options.names,
                 title=options.title,
             )

@@ -83,6 +83,8 @@ class Motion:
         Coordinates q of `SpaceTruss` [m, unit of the attitude, rad, kg^½·m].
     signals : dict of str to xarray.DataArray
         Logged signals.
+    truss : SpaceTruss
+        Plant of the run.
 
     Raises
     ------
@@ -91,7 +93,7 @@ class Motion:
     """
 
     def __init__(self, result: xr.Dataset, truss: SpaceTruss) -> None:
-        self._truss, self._said = truss, result.attrs.get("target")
+        self.truss, self._said = truss, result.attrs.get("target")
         self.signals = {
             str(name): variable
             for name, variable in result.data_vars.items()
@@ -139,7 +141,7 @@ class Motion:
         variable = self.signals[self.name_of(port) or ""]
         values = columns(variable)
         if len(values) != size:
-            truss = self._truss
+            truss = self.truss
             raise ModelError(
                 f"cannot show the result: '{variable.name}' has {len(values)} elements instead of "
                 f"{size}; this truss has {truss.robots} robots, {truss.joints} joints and "
@@ -159,15 +161,15 @@ class Motion:
         return (
             None
             if said is None
-            else list(frozen_array("target", said, (self._truss.rigid_q,)))
+            else list(frozen_array("target", said, (self.truss.rigid_q,)))
         )
 
     def exaggeration(self) -> int:
         """Return the scale of the largest grasp displacement to `SHOWN_DISPLACEMENT`, at most 500 [-]."""
-        modes = self.coordinates[self._truss.rigid_q :]
+        modes = self.coordinates[self.truss.rigid_q :]
         with np.errstate(over="ignore", invalid="ignore"):  # of diverged runs
             moved = np.einsum(
-                "kih,ht->kit", self._truss.dynamics.modes.grasp_translations, modes
+                "kih,ht->kit", self.truss.dynamics.modes.grasp_translations, modes
             )
             peak = np.sqrt(np.max(np.sum(moved**2, axis=1), initial=0.0))
         return int(np.clip(SHOWN_DISPLACEMENT / peak, 1, 500)) if peak > 0.0 else 1
@@ -182,7 +184,7 @@ class Motion:
         share : float
             Share of the numbers per page [-].
         """
-        none, size = np.zeros((0, len(self.time))), 3 * self._truss.robots
+        none, size = np.zeros((0, len(self.time))), 3 * self.truss.robots
         force, torque = (
             self._values(port, size) if self.name_of(port) else none
             for port in ("base_force", "base_torque")
@@ -193,7 +195,7 @@ class Motion:
         )
         root, joints, modes = np.split(
             self.coordinates[:, shown],
-            [self._truss.dynamics.attitude.end, self._truss.rigid_q],
+            [self.truss.dynamics.attitude.end, self.truss.rigid_q],
         )
         total = sum(variable[0].size for variable in self.signals.values())
         charted = self._instants(total, share * CHART_NUMBERS)

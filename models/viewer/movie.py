@@ -101,5 +101,3 @@ def _animated(frames: list[bytes]) -> bytes:
     raw, pause = io.BytesIO(), round(1000.0 / FRAME_RATE)
     first.save(raw, "gif", save_all=True, append_images=others, duration=pause, loop=0)
     return raw.getvalue()
-
-

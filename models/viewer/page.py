@@ -67,7 +67,6 @@ def replay(
     path: str | Path,
     *,
     other: xr.Dataset | str | Path | None = None,
-    other_truss: SpaceTruss | str | None = None,
     names: Sequence[str] = ("run", "other run"),
     target: npt.ArrayLike | None = None,
     rods: npt.ArrayLike | None = None,
@@ -86,9 +85,7 @@ def replay(
     path : str or pathlib.Path
         File to write.
     other : xarray.Dataset, str or pathlib.Path, optional
-        Second run, shown over the first.
-    other_truss : SpaceTruss, str or None
-        Plant of the second run; by default the name in its result, otherwise `truss`.
+        Second run, shown over the first; its plant is that named in it, otherwise `truss`.
     names : sequence of str
         Names of the two runs.
     target : array_like, optional
@@ -122,50 +119,38 @@ def replay(
     """
     if np.shape(names) != (2,):
         raise ModelError(f"names must be two, one per run; got {names!r}")
-    flown = [(opened(result), truss)]
-    if other is not None:
-        second = opened(other)
-        flown.append(
-            (second, other_truss or (None if "plant" in second.attrs else truss))
-        )
-    plants = [plant_of(named, data.attrs) for data, named in flown]
-    motions = [
-        Motion(data, plant) for (data, _), plant in zip(flown, plants, strict=True)
-    ]
+    data = [opened(each) for each in (result, other) if each is not None]
+    motions = []
+    for k, each in enumerate(data):
+        named = None if k and "plant" in each.attrs else truss
+        motions.append(Motion(each, plant_of(named, each.attrs)))
     first = motions[0]
     goal = first.target(target)
     for section in sections:
-        for signal in map(
-            unescape, re.findall(r'data-signal="([^"]*)"', section.content)
-        ):
-            if not any(signal in motion.signals for motion in motions):
-                known = ", ".join(first.signals)
+        for signal in re.findall(r'data-signal="([^"]*)"', section.content):
+            if not any(unescape(signal) in motion.signals for motion in motions):
                 raise ModelError(
-                    f"section '{section.title}': no signal '{signal}' in the run; it has: {known}"
+                    f"section '{section.title}': no signal '{unescape(signal)}' in the run; it has: "
+                    f"{', '.join(first.signals)}"
                 )
+    ports = {name: name.rpartition(".")[2] for name in first.signals}
+    # Other signals follow those of SHOWN.
+    ranks = {name: (*SHOWN, port).index(port) for name, port in ports.items()}
 
     def written(room: float) -> bytes:
         """Return the page with a share `room` of the numbers of a page that compresses well."""
         packer = Packer()
-        runs: list[dict[str, Any]] = [
-            {
-                "name": name,
-                "truss": scene_of(plant, rods, packer),
-                **motion.packed(packer, room / len(flown)),
-            }
-            for name, plant, motion in zip(names, plants, motions, strict=False)
-        ]
-        logged = [signal["name"] for signal in runs[0]["signals"]]
-        wished = [
-            name for wish in SHOWN for name in logged if name.rpartition(".")[2] == wish
-        ]
-        shown = [*wished, *(name for name in logged if name not in wished)][
-            :INITIAL_CHARTS
-        ]
         head = {
-            "runs": runs,
+            "runs": [
+                {
+                    "name": name,
+                    "truss": scene_of(motion.truss, rods, packer),
+                    **motion.packed(packer, room / len(data)),
+                }
+                for name, motion in zip(names, motions, strict=False)
+            ],
             "target": goal,
-            "shown": shown,
+            "shown": sorted(ranks, key=ranks.__getitem__)[:INITIAL_CHARTS],
             "exaggeration": first.exaggeration(),
         }
         return _text(title, head, packer, sections).encode("utf-8")

@@ -338,14 +338,13 @@ def test_controls(window):
 
 
 def test_two_runs_lie_over_each_other(opened, truss, run, make_run, tmp_path):
-    second = make_run(SpaceTruss.published(), phase=0.4)
+    second = make_run(SpaceTruss.published(), phase=0.4).assign_attrs(plant="published")
     below = '<div class="chart"><div class="plot" data-signal="truss.base_force"></div></div>'
     file = replay(
         run,
         truss,
         tmp_path / "two.html",
         other=second,
-        other_truss="published",
         names=("first", "second"),
         sections=[Section("Figures", below)],
     )
