@@ -150,7 +150,7 @@ def rows(diagram: Diagram, block: Block) -> tuple[list[Row], list[Row]]:
     for port in block.inputs():
         ends: dict[str, list[tuple[str, str]]] = {}
         for wire in diagram.wires:
-            if wire.target.block is block and wire.target.name == port.name:
+            if wire.target.path == port.path:
                 source = wire.source
                 end = "0" if source is None else part_of(source)
                 ends.setdefault("" if source is None else source.path, []).append(
@@ -271,30 +271,28 @@ def scene_of(diagram: Diagram) -> Scene:
                 pin.negative = row.name == "−"
                 pins[block.name, row.port.name, row.key] = pin
                 scene.pins.append((row, pin))
-    # One net per source, so that wires from one output share a stem.
-    nets: dict[Pin, tuple[Net, Port]] = {}
+    links: list[tuple[tuple[str, str, str], tuple[str, str, str], Port]] = []
     for name, inside in diagram.exposed.items():
-        port = diagram.ports[name]
+        port, own = diagram.ports[name], ("", name, "")
         width = breadth(brief(name)) + 12
         box = Box(width, PIN_PITCH, edge=-1 if port.is_input else 1)
         scene.edges.append(box)
-        pin = box.pin(int(port.is_input), box.height / 2)
-        scene.pins.append((Row(port, "", brief(name)), pin))
-        if port.is_input:
-            targets = [pins[end.block.name, end.name, "outside"] for end in inside]
-            nets[pin] = Net(pin, targets), port
-        else:
-            source = pins[inside[0].block.name, inside[0].name, ""]
-            nets.setdefault(source, (Net(source, []), inside[0]))[0].targets.append(pin)
+        pins[own] = box.pin(int(port.is_input), box.height / 2)
+        scene.pins.append((Row(port, "", brief(name)), pins[own]))
+        for end in inside:
+            key = end.block.name, end.name, "outside" * port.is_input
+            links.append((own, key, port) if port.is_input else (key, own, end))
     for wire in diagram.wires:
-        if wire.source is not None:
-            block = wire.source.block
-            source = pins[block.name, wire.source.name, ""]
-            fresh = Net(source, []), block.ports[wire.source.name]
-            net, _ = nets.setdefault(source, fresh)
-            target = pins[wire.target.block.name, wire.target.name, wire.source.path]
-            # Several slices of one source end at one row.
-            net.targets += [target] if target not in net.targets else []
+        if (source := wire.source) is not None:
+            block, name, target = source.block, source.name, wire.target
+            end_key = target.block.name, target.name, source.path
+            links.append(((block.name, name, ""), end_key, block.ports[name]))
+    # One net per source, so that wires from one output share a stem.
+    nets: dict[tuple[str, str, str], tuple[Net, Port]] = {}
+    for start, end_key, port in links:
+        net, _ = nets.setdefault(start, (Net(pins[start], []), port))
+        # Several slices of one source end at one row.
+        net.targets += [pins[end_key]] if pins[end_key] not in net.targets else []
     scene.wires = list(nets.values())
     boxes = [*(figure.box for figure in scene.figures), *scene.edges]
     if boxes:

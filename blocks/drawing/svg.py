@@ -213,19 +213,20 @@ def title(port: Port) -> str:
 
 def forks(net: Net) -> list[Point]:
     """Return the points at which the wires of a `net` branch."""
-    lines = [line for path in net.paths for line in pairwise(path)]
+    places = [[complex(x, y) for x, y in path] for path in net.paths]
+    lines = [line for path in places for line in pairwise(path)]
     found = []
-    for x, y in dict.fromkeys(point for path in net.paths for point in path[1:-1]):
+    for p in dict.fromkeys(point for path in places for point in path[1:-1]):
         # Directions in which wires leave this point: two are a bend, three a branch.
-        ways = set()
-        for (x1, y1), (x2, y2) in lines:
-            if min(x1, x2) <= x <= max(x1, x2) and min(y1, y2) <= y <= max(y1, y2):
-                ways |= {
-                    ((a > x) - (a < x), (b > y) - (b < y))
-                    for a, b in ((x1, y1), (x2, y2))
-                }
-        if len(ways - {(0, 0)}) > 2:
-            found.append((x, y))
+        ways = {
+            (end - p) / abs(end - p)
+            for a, b in lines
+            if abs(a - p) + abs(b - p) < abs(a - b) + 1e-6
+            for end in (a, b)
+            if end != p
+        }
+        if len(ways) > 2:
+            found.append((p.real, p.imag))
     return found
 
 

@@ -139,32 +139,26 @@ class Chart {
 
   listen() {
     const { canvas, band, view } = this;
-    let from = null;
-    const at = (event) => this.inverse(event.offsetX);
-    const dragged = (event) => from !== null && Math.abs(event.offsetX - from) > 5
-      && [this.inverse(from), at(event)].sort((a, b) => a - b);
+    let from = null; // where a drag began
     const end = () => {
       from = null;
       band.hidden = true;
     };
     canvas.onpointerdown = (event) => {
-      from = event.offsetX;
+      from = this.inverse(event.offsetX);
       canvas.setPointerCapture(event.pointerId);
     };
     canvas.onpointermove = (event) => {
-      const range = dragged(event);
-      band.hidden = !range;
-      if (range) {
-        const [left, right] = range.map((value) => this.place(value));
-        Object.assign(band.style, { left: `${left}px`, width: `${right - left}px` });
-      }
-      view.hover = at(event);
+      view.hover = this.inverse(event.offsetX);
+      const [left, right] = [from, view.hover].map((value) => this.place(value)).sort((a, b) => a - b);
+      band.hidden = from === null || right - left < 5;
+      Object.assign(band.style, { left: `${left}px`, width: `${right - left}px` });
       view.changed();
     };
     canvas.onpointerup = (event) => {
-      const range = dragged(event);
-      if (range && range[1] > range[0]) view.range = range;
-      else if (from !== null && view.pick) view.pick(at(event));
+      const to = this.inverse(event.offsetX);
+      if (!band.hidden) view.range = [from, to].sort((a, b) => a - b);
+      else if (from !== null && view.pick) view.pick(to);
       end();
       view.changed(true);
     };
@@ -193,10 +187,8 @@ class Chart {
     const { canvas, view, run, kept } = this, ratio = window.devicePixelRatio || 1;
     const width = (this.width = canvas.clientWidth), height = canvas.clientHeight;
     if (!run || !width) return;
-    if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
-      canvas.width = Math.round(width * ratio);
-      canvas.height = Math.round(height * ratio);
-    }
+    const size = [width, height].map((side) => Math.round(side * ratio));
+    if (canvas.width !== size[0] || canvas.height !== size[1]) [canvas.width, canvas.height] = size;
     const g = canvas.getContext("2d", { willReadFrequently: true });
     g.setTransform(ratio, 0, 0, ratio, 0, 0);
     g.clearRect(0, 0, width, height);
@@ -216,8 +208,8 @@ class Chart {
       [low, high] = [Math.max(low, -most), Math.min(high, most)];
     }
     // A curve that is constant but for round-off is flat.
-    const size = Math.max(Math.abs(low), Math.abs(high)), least = size * 1e-9 || 1;
-    if (high - low < least) [low, high] = [low - (size || 1) * 0.1, high + (size || 1) * 0.1];
+    const most = Math.max(Math.abs(low), Math.abs(high));
+    if (high - low < (most * 1e-9 || 1)) [low, high] = [low - (most || 1) * 0.1, high + (most || 1) * 0.1];
     const groups = lines.map((each) => equalLines(each, (high - low) / 400));
     const edge = 0.06 * (high - low), bottom = height - 34;
     [low, high] = [low - edge, high + edge];

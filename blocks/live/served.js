@@ -18,40 +18,30 @@ class Engine {
   }
 
   async run(job, pause) {
-    const abort = new AbortController(), { tick, every } = this.data, parts = [];
+    const abort = new AbortController(), { tick, every } = this.data, width = this.data.width + 1, values = [];
+    const result = () => ({ // times, and rows without them
+      time: Float64Array.from({ length: values.length / width }, (_, row) => values[row * width]),
+      log: Float64Array.from(values.filter((_, i) => i % width)),
+    });
     this.running = job;
     try {
       const reply = await this.post(`run/${this.name}/${(job.steps * tick[0]) / tick[1]}`, job, abort.signal);
       if (!reply.ok) throw Error(`the server answers ${reply.status} ${reply.statusText}`);
       const reader = reply.body.pipeThrough(new TextDecoderStream()).getReader();
-      let rest = "", rows = 0;
+      let rest = "";
       for (let part = await reader.read(); !part.done; part = await reader.read()) {
         const lines = (rest + part.value).split("\n");
         rest = lines.pop();
         for (const line of lines) {
           const { rows: packed, fault } = JSON.parse(line);
-          parts.push(doubles(packed));
-          if (fault !== undefined) return { ...this.result(parts), fault };
-          rows += parts.at(-1).length / (this.data.width + 1);
+          for (const value of doubles(packed)) values.push(value);
+          if (fault !== undefined) return { ...result(), fault };
         }
-        if (rows && (await pause((rows * every) / job.steps, () => this.result(parts)))) return abort.abort();
+        if (values.length && (await pause((values.length / width / job.steps) * every, result))) return abort.abort();
       }
       throw Error("the server has ended");
     } finally {
       this.running = null;
     }
-  }
-
-  /** Return times and values of the rows in some parts. */
-  result(parts) {
-    const width = this.data.width + 1, count = parts.reduce((sum, part) => sum + part.length / width, 0);
-    const time = new Float64Array(count), log = new Float64Array(count * (width - 1));
-    let row = 0;
-    for (const part of parts)
-      for (let at = 0; at < part.length; at += width, ++row) {
-        time[row] = part[at];
-        log.set(part.subarray(at + 1, at + width), row * (width - 1));
-      }
-    return { time, log };
   }
 }

@@ -28,8 +28,8 @@ PICTURE_PRIORITY = 3.0
 """Factor by which charts lose instants before the picture does [-]."""
 MIN_INSTANTS = 50
 """Instants of a short run in the picture, if logged [-]."""
-FLOAT32_JOINT_LIMIT = 4.0
-"""Joint coordinates below this have errors of at most 1.2e-7 rad or m in four bytes [rad, m]."""
+COORDINATE_BITS = 36
+"""Mantissa bits of a coordinate in the picture, about ten decimal digits [-]."""
 SHOWN_DISPLACEMENT = 0.5
 """Largest elastic displacement in the picture by the default exaggeration [m]."""
 CHART_BITS = 13
@@ -193,21 +193,15 @@ class Motion:
             len(self.coordinates) + 2 * size,
             min(1.0, PICTURE_PRIORITY * share) * PICTURE_NUMBERS,
         )
-        root, joints, modes = np.split(
-            self.coordinates[:, shown],
-            [self.truss.dynamics.attitude.end, self.truss.rigid_q],
-        )
         total = sum(variable[0].size for variable in self.signals.values())
         charted = self._instants(total, share * CHART_NUMBERS)
         return {
             "logged": len(self.time),
             "time": packer.pack(self.time[None, shown], width=8),
-            "root": packer.pack(root, width=8),
-            "joints": packer.pack(
-                joints,
-                width=4 if np.abs(joints).max(initial=0.0) < FLOAT32_JOINT_LIMIT else 8,
+            "coordinates": packer.pack(
+                self.coordinates[:, shown], width=8, bits=COORDINATE_BITS
             ),
-            "modes": packer.pack(modes),
+            "ends": [self.truss.dynamics.attitude.end, self.truss.rigid_q],
             "force": packer.pack(force[:, shown]),
             "torque": packer.pack(torque[:, shown]),
             "signalTime": packer.pack(self.time[None, charted], width=8),

@@ -9,12 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.support.progress import map_counted
 from trussflow.blocks.support.types import Vector
-
-PART_BYTES = 1_000_000
-"""Size of a compressed part between two updates of the progress [byte]."""
-
 
 class Packer:
     """Packer of arrays into one blob of bytes.
@@ -58,11 +53,8 @@ class Packer:
 
     def blob(self) -> str:
         """Return all arrays, compressed, as text for the zlib decoder of the page."""
-        whole, packer = memoryview(b"".join(self._parts)), zlib.compressobj()
-        starts = range(0, len(whole), PART_BYTES)
-        parts = [whole[start : start + PART_BYTES] for start in starts]
-        packed = map_counted("compressing", packer.compress, parts)
-        return base64.b64encode(b"".join([*packed, packer.flush()])).decode("ascii")
+        packed = zlib.compress(b"".join(self._parts))
+        return base64.b64encode(packed).decode("ascii")
 
 
 def columns(values: npt.ArrayLike) -> Vector:

@@ -25,8 +25,8 @@ const replaced = (value, blob) => {
 const row = (columns, i) => Array.from(columns, (column) => column[i]);
 
 function stateOf(run, t) {
-  const i = indexOf(run.time[0], t + 1e-9), names = ["root", "joints", "modes", "force", "torque"];
-  return Object.fromEntries(names.map((name) => [name, row(run[name], i)]));
+  const i = indexOf(run.time[0], t + 1e-9), [q, force, torque] = [run.coordinates, run.force, run.torque].map((one) => row(one, i));
+  return Scene3d.stateOf(run.ends, q, force, torque);
 }
 
 // ---- the page ------------------------------------------------------------------------------------------
@@ -40,8 +40,7 @@ class Page {
     const changed = (all) => this.charts.forEach((chart) => (all ? chart.draw() : chart.mark()));
     this.view = { label: "time", unit: "s", ends: [this.start, this.end], pick: (t) => this.show(t), changed };
     const longest = Object.fromEntries(["force", "torque"].map((name) => [name, this.peak(name)]));
-    const count = this.runs[0].root.length, cloud = this.poses();
-    const target = this.target && { root: this.target.slice(0, count), joints: this.target.slice(count), modes: [] };
+    const target = this.target && Scene3d.stateOf(this.runs[0].ends, this.target), cloud = this.poses();
     const paths = this.runs.map((run) => this.path(run)), options = { target, longest, paths, camera, cloud };
     this.scene = new Scene3d.Scene($("picture"), this.runs, this.states(this.t), options);
   }
@@ -60,10 +59,10 @@ class Page {
     return longest;
   }
 
-  path({ time, root }) { // of the root, as points some centimetres apart
+  path({ time, coordinates }) { // of the root, as points some centimetres apart
     const found = [], every = Math.max(1, Math.ceil(time[0].length / 400));
     for (let i = 0; i < time[0].length; i += every) {
-      const point = row(root.slice(0, 3), i), last = found.at(-1);
+      const point = row(coordinates.slice(0, 3), i), last = found.at(-1);
       if (Scene3d.near(point) && (!last || Math.hypot(...point.map((a, k) => a - last[k])) > 0.1)) found.push(point);
     }
     return found;

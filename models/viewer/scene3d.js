@@ -55,6 +55,10 @@ const Scene3d = (() => {
   const modal = (shape, modes, scale) => [0, 1, 2].map((axis) =>
     modes.reduce((found, mode, k) => found + shape[axis * modes.length + k] * mode * scale, 0));
 
+  // State of a run from its coordinates; `ends` are those of the root and of the joints.
+  const stateOf = (ends, q, force = [], torque = []) =>
+    ({ root: q.slice(0, ends[0]), joints: q.slice(...ends), modes: q.slice(ends[1]), force, torque });
+
   // Positions of all bodies for root [m] and attitude, all joints [rad or m], modal coordinates times `scale`.
   function posed(truss, { root, joints, modes }, scale = 1) {
     const R = attitude(root.slice(3)), place = (v) => sum(root, turned(R, v));
@@ -234,7 +238,7 @@ const Scene3d = (() => {
       this.element = element;
       this.canvas = element.appendChild(document.createElement("canvas"));
       element.style.position = "relative";
-      this.canvas.style.cssText = "position:absolute;inset:0;width:100%;height:100%;touch-action:none";
+      this.canvas.style.cssText = "position:absolute;inset:0;width:100%;height:100%;touch-action:pinch-zoom";
       this.gl = this.canvas.getContext("webgl2", { antialias: true });
       if (!this.gl) throw new Error("the browser has no WebGL 2; allow hardware or software rendering");
       Object.assign(this, { runs, paths, longest, scale: 1, followed: "nothing", hidden: new Set(), zoom: 1 });
@@ -291,39 +295,24 @@ const Scene3d = (() => {
     }
 
     listen() {
-      const { canvas } = this, pointers = new Map();
-      canvas.addEventListener("contextmenu", (event) => event.preventDefault());
-      canvas.addEventListener("pointerdown", (event) => {
-        canvas.setPointerCapture(event.pointerId);
-        pointers.set(event.pointerId, event);
-      });
-      for (const end of ["pointerup", "pointercancel"])
-        canvas.addEventListener(end, (event) => pointers.delete(event.pointerId));
-      canvas.addEventListener("pointermove", (event) => {
-        const last = pointers.get(event.pointerId);
-        if (!last) return;
-        const [x, y] = [event.clientX - last.clientX, event.clientY - last.clientY];
-        const others = [...pointers.values()].filter((one) => one.pointerId !== event.pointerId);
-        pointers.set(event.pointerId, event);
-        if (others.length) { // two fingers
-          const apart = (one) => Math.hypot(one.clientX - others[0].clientX, one.clientY - others[0].clientY);
-          this.zoom *= apart(last) / Math.max(1, apart(event));
-        }
-        if (others.length || event.buttons > 1 || event.shiftKey) {
+      const { canvas } = this;
+      canvas.oncontextmenu = (event) => event.preventDefault();
+      canvas.onpointerdown = (event) => canvas.setPointerCapture(event.pointerId);
+      canvas.onpointermove = (event) => {
+        if (!event.buttons) return;
+        const { movementX: x, movementY: y } = event, [azimuth, elevation] = this.angles;
+        if (event.buttons > 1 || event.shiftKey) {
           const [right, up] = axesOf(...this.angles), unit = (this.distance * 2 * Math.tan(VIEW / 2)) / canvas.clientHeight;
           this.moved = sum(sum(this.moved, right, -x * unit), up, y * unit);
-        } else {
-          const [azimuth, elevation] = this.angles;
-          this.angles = [azimuth - 0.008 * x, Math.min(Math.PI / 2, Math.max(-Math.PI / 2, elevation + 0.008 * y))];
-        }
+        } else this.angles = [azimuth - 0.008 * x, Math.min(Math.PI / 2, Math.max(-Math.PI / 2, elevation + 0.008 * y))];
         this.redraw();
-      });
-      canvas.addEventListener("wheel", (event) => {
+      };
+      canvas.onwheel = (event) => {
         event.preventDefault();
         this.zoom = Math.min(20, Math.max(0.02, this.zoom * Math.exp(0.001 * event.deltaY)));
         this.redraw();
-      }, { passive: false });
-      canvas.addEventListener("dblclick", () => this.look(this.camera));
+      };
+      canvas.ondblclick = () => this.look(this.camera);
       new ResizeObserver(() => this.redraw()).observe(this.element);
     }
 
@@ -527,26 +516,24 @@ const Scene3d = (() => {
   // root and of the joints in the coordinates.
   function panel({ truss, names, ends, start, target }) {
     const longest = { force: 0, torque: 0 };
-    const stateOf = (q, force = [], torque = []) =>
-      ({ root: q.slice(0, ends[0]), joints: q.slice(ends[0], ends[1]), modes: q.slice(ends[1]), force, torque });
     let scene;
     return {
       mount(element) {
         element.style.height = "26rem";
-        const options = { target: target && stateOf(target), longest };
-        scene = new Scene(element, [{ name: "run", truss }], [stateOf(start)], options);
+        const options = { target: target && stateOf(ends, target), longest };
+        scene = new Scene(element, [{ name: "run", truss }], [stateOf(ends, start)], options);
         scene.followed = "truss";
       },
-      update(time, signals) {
+      update(_, signals) {
         const [coordinates, force, torque] = names.map((name) => Array.from(signals[name] ?? []));
         for (const [name, values] of [["force", force], ["torque", torque]])
           for (let k = 0; k < values.length; k += 3)
             longest[name] = Math.max(longest[name], Math.hypot(...values.slice(k, k + 3)));
-        scene.show([stateOf(coordinates, force, torque)]);
+        scene.show([stateOf(ends, coordinates, force, torque)]);
       },
       get scene() { return scene; },
     };
   }
 
-  return { Scene, panel, posed, CAMERAS, near };
+  return { Scene, panel, posed, stateOf, CAMERAS, near };
 })();
