@@ -1,12 +1,13 @@
 "use strict";
-// Charts on canvas over one variable: axes with SI prefixes, equal curves told apart, cursor, zoom, a second run.
+// Charts on canvas over one variable: axes with SI prefixes, equal curves, cursor, zoom, a second run.
 
 // Okabe and Ito (2008), and two that are visible on light and on dark ground.
 const COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8a8a8a", "#a16207"];
 const DASHES = [[], [7, 3], [2, 2.5], [8, 3, 2, 3]]; // of curves that have one colour
 const PIECE = 9; // of each curve in a line that several curves share [px]
 const PREFIXES = { "-12": "p", "-9": "n", "-6": "µ", "-3": "m", 3: "k", 6: "M", 9: "G", 12: "T" };
-const PREFIXABLE = /^(m|s|N|rad|Pa|J|W|A|V|Hz|K|g)(?![\w²³⁴^½]|.*,)/; // a square of a prefixed unit is another unit
+// A square of a prefixed unit is another unit.
+const PREFIXABLE = /^(m|s|N|rad|Pa|J|W|A|V|Hz|K|g)(?![\w²³⁴^½]|.*,)/;
 const ONLY_SMALL = /^(s|rad)/; // units without prefixes for large numbers
 
 /** Return the factor and the unit in which numbers up to `size` are shown. */
@@ -22,7 +23,8 @@ function scaled(size, unit) {
 /** Return a number of four digits with its unit and prefix. */
 function quantity(value, unit = "") {
   if (!Number.isFinite(value)) return "–";
-  const size = Math.abs(value), [factor, shown] = scaled(size, unit), text = (number) => Number(number.toPrecision(4));
+  const size = Math.abs(value), [factor, shown] = scaled(size, unit);
+  const text = (number) => Number(number.toPrecision(4));
   if (!shown.startsWith("10")) return `${text(value * factor)} ${shown}`.trim();
   return size >= 1e-3 && size < 1e5 ? `${text(value)} ${unit}`.trim() : `${text(value * factor)}·${shown}`;
 }
@@ -31,9 +33,8 @@ function quantity(value, unit = "") {
 function ticks(low, high, most) {
   const raw = (high - low) / most, power = 10 ** Math.floor(Math.log10(raw));
   const step = power * [1, 2, 5, 10].find((f) => f * power >= raw * 0.999);
-  const found = [];
-  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; ++k) found.push(Number((k * step).toPrecision(12)));
-  return found;
+  const first = Math.ceil(low / step - 1e-9), last = Math.floor(high / step + 1e-9);
+  return Array.from({ length: last - first + 1 }, (_, k) => Number(((first + k) * step).toPrecision(12)));
 }
 
 /** Return the last index whose value is not above `wanted`, in an ascending array. */
@@ -62,20 +63,22 @@ async function inflated(id) {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-/** Let a button start and stop a play: in each frame, `advance` gets the seconds since the last and returns whether to go on. */
+/** Let a button play: in each frame, `advance` gets the seconds since the last; it returns whether to go on. */
 function player(button, advance) {
-  let running = false, last = 0;
+  let last = null; // the time of the last frame, while it plays
+  const set = (time) => {
+    last = time;
+    button.textContent = time === null ? "▶" : "❚❚";
+  };
   const frame = (now) => {
-    if (!running) return;
-    running = advance(Math.max(0, now - last) / 1000);
-    last = now;
-    button.textContent = running ? "❚❚" : "▶";
+    if (last === null) return;
+    set(advance(Math.max(0, now - last) / 1000) ? now : null);
     requestAnimationFrame(frame);
   };
   button.onclick = () => {
-    running = !running;
-    button.textContent = running ? "❚❚" : "▶";
-    if (running && advance(0)) frame((last = performance.now()));
+    if (last !== null) return set(null);
+    set(performance.now());
+    requestAnimationFrame(frame);
   };
 }
 
@@ -114,14 +117,15 @@ function stroke(g, group, path) {
 
 /** Chart of curves over one variable.
 
- * `view` is shared by charts of one variable: {label, unit, log, ends, range, cursor, hover, pick(value), changed(all)};
- * `all` says that the range is new, otherwise only the cursor. A curve has a label, perhaps a colour, and `values(run)`,
- * and `run.time` are the places; `show(run, kept)` draws. */
+ * `view` is shared by charts of one variable: {label, unit, log, ends, range, cursor, hover, pick(value),
+ * changed(all)}; `all` says that the range is new, otherwise only the cursor. A curve has a label, perhaps a
+ * colour, and `values(run)`, and `run.time` are the places; `show(run, kept)` draws. */
 class Chart {
   constructor(parent, { title = "", unit, curves }, view) {
     const colours = curves.map(({ colour }, i) => colour ?? COLOURS[i % COLOURS.length]);
     const before = (i) => colours.slice(0, i).filter((colour) => colour === colours[i]).length;
-    this.curves = curves.map((curve, i) => ({ ...curve, colour: colours[i], dash: DASHES[before(i) % DASHES.length] }));
+    this.curves = curves.map((curve, i) =>
+      ({ ...curve, colour: colours[i], dash: DASHES[before(i) % DASHES.length] }));
     Object.assign(this, { parent, unit, view, names: "", readouts: [] });
     const box = element("div", "chart"), axes = element("div", "axes");
     this.canvas = element("canvas");
@@ -174,7 +178,8 @@ class Chart {
   }
 
   inverse(pixel) {
-    const [low, high] = this.ends || [0, 1], share = Math.min(1, Math.max(0, (pixel - 58) / (this.width - 70)));
+    const [low, high] = this.ends || [0, 1];
+    const share = Math.min(1, Math.max(0, (pixel - 58) / (this.width - 70)));
     return this.view.log ? low * (high / low) ** share : low + (high - low) * share;
   }
 
@@ -195,21 +200,19 @@ class Chart {
     g.font = "12px system-ui, sans-serif";
     this.ends = view.range || view.ends || [run.time[0], run.time[run.time.length - 1]];
     if (!(this.ends[1] > this.ends[0])) this.ends = [this.ends[0], this.ends[0] + 1];
-    const lines = [run, kept].filter(Boolean).map((one) => this.curves.map((curve) => this.line(one.time, curve, curve.values(one))));
-    let low = Infinity, high = -Infinity;
-    for (const line of lines.flat()) {
-      low = Math.min(low, line.low);
-      high = Math.max(high, line.high);
-    }
+    const lines = [run, kept].filter(Boolean).map((one) =>
+      this.curves.map((curve) => this.line(one.time, curve, curve.values(one))));
+    let low = Math.min(...lines.flat().map((line) => line.low));
+    let high = Math.max(...lines.flat().map((line) => line.high));
     if (!(high >= low)) [low, high] = [0, 1];
     if (run.fault) { // the last rows before a fault would hide all others
-      const sizes = this.curves.flatMap((curve) => Array.from(curve.values(run), Math.abs)).sort((a, b) => a - b);
-      const most = 10 * sizes[Math.floor(0.9 * sizes.length)] || 1;
+      const sizes = this.curves.flatMap((curve) => Array.from(curve.values(run), Math.abs));
+      const most = 10 * sizes.sort((a, b) => a - b)[Math.floor(0.9 * sizes.length)] || 1;
       [low, high] = [Math.max(low, -most), Math.min(high, most)];
     }
     // A curve that is constant but for round-off is flat.
     const most = Math.max(Math.abs(low), Math.abs(high));
-    if (high - low < (most * 1e-9 || 1)) [low, high] = [low - (most || 1) * 0.1, high + (most || 1) * 0.1];
+    if (high - low < (most * 1e-9 || 1)) [low, high] = [low - 0.1 * (most || 1), high + 0.1 * (most || 1)];
     const groups = lines.map((each) => equalLines(each, (high - low) / 400));
     const edge = 0.06 * (high - low), bottom = height - 34;
     [low, high] = [low - edge, high + edge];
@@ -239,7 +242,8 @@ class Chart {
     if (this.names === (this.names = JSON.stringify(texts))) return;
     this.legend.textContent = "";
     this.readouts = groups.map((group, k) => {
-      const item = element("span"), swatch = element("canvas"), value = element("b"), g = swatch.getContext("2d");
+      const item = element("span"), swatch = element("canvas"), value = element("b");
+      const g = swatch.getContext("2d");
       [swatch.width, swatch.height] = [54, 16];
       g.scale(2, 2);
       g.lineWidth = 2;
@@ -257,7 +261,8 @@ class Chart {
     this.cursor.hidden = cursor == null || cursor < this.ends[0] || cursor > this.ends[1];
     if (!this.cursor.hidden) this.cursor.style.left = `${this.place(cursor)}px`;
     for (const [curve, readout] of this.readouts) {
-      const [now, before] = [run, kept].map((one) => one && quantity(curve.values(one)[indexOf(one.time, cursor ?? Infinity)] * this.factor));
+      const at = (one) => curve.values(one)[indexOf(one.time, cursor ?? Infinity)] * this.factor;
+      const [now, before] = [run, kept].map((one) => one && quantity(at(one)));
       write(readout, before ? `${now} (${before})` : now);
     }
   }
@@ -269,7 +274,8 @@ class Chart {
     let low = Infinity, high = -Infinity, pixel = NaN, least = 0, most = 0;
     const flush = () => {
       if (Number.isNaN(pixel)) return;
-      for (const i of least === most ? [least] : least < most ? [least, most] : [most, least]) points.push(this.place(time[i]), values[i]);
+      for (const i of new Set([Math.min(least, most), Math.max(least, most)]))
+        points.push(this.place(time[i]), values[i]);
     };
     for (let i = first; i <= last; ++i) {
       const v = values[i], here = Math.floor(this.place(time[i]));
@@ -288,39 +294,33 @@ class Chart {
   }
 
   grid(g, low, high, y, bottom) {
-    const { view, width } = this, style = getComputedStyle(document.documentElement), [from, to] = this.ends;
+    const { view, width, ends: [from, to] } = this, style = getComputedStyle(document.documentElement);
     const [factor, unit] = scaled(Math.max(Math.abs(low), Math.abs(high)), this.unit);
     this.factor = factor;
     g.strokeStyle = style.getPropertyValue("--line");
     g.fillStyle = style.getPropertyValue("--quiet");
     g.lineWidth = 1;
-    const line = (x, y, X, Y) => {
-      g.beginPath();
-      g.moveTo(x, y);
-      g.lineTo(X, Y);
-      g.stroke();
-    };
+    g.beginPath();
     g.textAlign = "right";
     g.textBaseline = "middle";
     for (const tick of ticks(low * factor, high * factor, 6)) {
       const py = Math.round(y(tick / factor)) + 0.5;
-      line(58, py, width - 12, py);
+      g.moveTo(58, py);
+      g.lineTo(width - 12, py);
       g.fillText(String(tick), 53, py);
     }
     g.textAlign = "center";
     g.textBaseline = "top";
-    const along = view.log ? ticks(Math.log10(from), Math.log10(to), 7).filter(Number.isInteger).map((e) => 10 ** e) : ticks(from, to, 7);
-    for (const tick of along) {
+    const decades = () => ticks(Math.log10(from), Math.log10(to), 7).filter(Number.isInteger);
+    for (const tick of view.log ? decades().map((power) => 10 ** power) : ticks(from, to, 7)) {
       const px = Math.round(this.place(tick)) + 0.5;
-      line(px, 6, px, bottom);
+      g.moveTo(px, 6);
+      g.lineTo(px, bottom);
       g.fillText(String(Number(tick.toPrecision(6))), px, bottom + 4);
     }
+    g.stroke();
     g.fillText(`${view.label} [${view.unit}]`, 58 + (width - 70) / 2, bottom + 19);
-    g.save();
-    g.translate(9, bottom / 2);
-    g.rotate(-Math.PI / 2);
-    g.textBaseline = "middle";
-    g.fillText(unit ? `[${unit}]` : "", 0, 0);
-    g.restore();
+    g.textAlign = "left";
+    g.fillText(unit && `[${unit}]`, 62, 8);
   }
 }

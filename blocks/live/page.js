@@ -242,7 +242,7 @@ $("duration").onchange = () => { span(Number($("duration").value)); ask(); remem
 $("cursor").oninput = () => { view.cursor = $("cursor").value * steps * seconds; redraw(); };
 player($("play"), (passed) => {
   const end = steps * seconds;
-  view.cursor = !passed && view.cursor >= end ? 0 : Math.min(end, view.cursor + passed);
+  view.cursor = view.cursor >= end ? 0 : Math.min(end, view.cursor + passed);
   redraw();
   return view.cursor < end;
 });

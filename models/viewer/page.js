@@ -145,7 +145,7 @@ function chartsOf(page) {
 
 function listen(page) {
   player($("play"), (passed) => {
-    page.show(!passed && page.t >= page.end ? page.start : page.t + passed * Number($("speed").value));
+    page.show(page.t >= page.end ? page.start : page.t + passed * Number($("speed").value));
     return page.t < page.end;
   });
   $("time").oninput = () => page.show(Number($("time").value));
