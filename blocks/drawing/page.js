@@ -20,7 +20,8 @@ function fit() { // small pictures are not enlarged without limit
 const at = (x, y) => new DOMPoint(x, y).matrixTransform(svg.getScreenCTM().inverse());
 
 function goTo(element, margin) {
-  const { left, top, right, bottom } = element.getBoundingClientRect(), a = at(left, top), b = at(right, bottom);
+  const { left, top, right, bottom } = element.getBoundingClientRect();
+  const a = at(left, top), b = at(right, bottom);
   const edge = margin * (b.x - a.x);
   look([a.x - edge, a.y - edge, b.x - a.x + 2 * edge, b.y - a.y + 2 * edge]);
 }
@@ -59,7 +60,8 @@ function open({ dataset: { path }, firstElementChild }, wanted = true) {
 }
 
 function mark(picture) {
-  for (const one of picture.querySelectorAll(".signal")) one.classList.toggle("plotted", one.dataset.path in data.signals);
+  for (const { classList, dataset } of picture.querySelectorAll(".signal"))
+    classList.toggle("plotted", dataset.path in data.signals);
   for (const { dataset: { path } } of groups) block(path)?.classList.add("group");
 }
 
@@ -81,7 +83,7 @@ for (const id of ["open", "close"]) $(id).hidden = !groups.length;
 
 // ---- search
 
-const paths = [svg, ...groups].flatMap((one) => [...one.querySelectorAll(".block")].map(({ dataset }) => dataset.path));
+const paths = [svg, ...groups].flatMap((one) => Array.from(one.querySelectorAll(".block"), ({ dataset }) => dataset.path));
 let found = [], current = -1;
 search.oninput = () => {
   const text = search.value.trim().toLowerCase();

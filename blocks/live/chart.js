@@ -56,14 +56,21 @@ function element(tag, className = "", text = "") {
   return made;
 }
 
+/** Return the place of a value between two ends, from 0 to 1, and the value at a place. */
+const shareOf = (value, low, high, log) =>
+  (log ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low));
+const valueAt = (share, low, high, log) => (log ? low * (high / low) ** share : low + (high - low) * share);
+
+const bytesOf = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+const doubles = (text) => new Float64Array(bytesOf(text).buffer);
+
 /** Return the bytes of a compressed element of the page. */
 async function inflated(id) {
-  const bytes = Uint8Array.from(atob($(id).textContent), (c) => c.charCodeAt(0));
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const stream = new Blob([bytesOf($(id).textContent)]).stream().pipeThrough(new DecompressionStream("deflate"));
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-/** Let a button play: in each frame, `advance` gets the seconds since the last; it returns whether to go on. */
+/** Let a button play: in each frame, `advance` gets the seconds since the last, and tells whether to go on. */
 function player(button, advance) {
   let last = null; // the time of the last frame, while it plays
   const set = (time) => {
@@ -172,15 +179,12 @@ class Chart {
   }
 
   place(value) {
-    const low = this.ends[0], high = this.ends[1], log = this.view.log;
-    const share = log ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low);
-    return 58 + share * (this.width - 70);
+    return 58 + shareOf(value, ...this.ends, this.view.log) * (this.width - 70);
   }
 
   inverse(pixel) {
-    const [low, high] = this.ends || [0, 1];
     const share = Math.min(1, Math.max(0, (pixel - 58) / (this.width - 70)));
-    return this.view.log ? low * (high / low) ** share : low + (high - low) * share;
+    return valueAt(share, ...(this.ends || [0, 1]), this.view.log);
   }
 
   show(run, kept) {

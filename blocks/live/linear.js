@@ -7,13 +7,14 @@ const times = ([a, b], [c, d]) => [a * c - b * d, a * d + b * c], conjugate = ([
 const scaled = ([a, b], factor) => [a * factor, b * factor], size = ([a, b]) => Math.abs(a) + Math.abs(b);
 const divided = (p, q) => scaled(times(p, conjugate(q)), 1 / (q[0] * q[0] + q[1] * q[1]));
 
-/** Balance A of [A, B; C, D] by powers of two, and reduce it to Hessenberg form by reflections; change B and C as well. */
+/** Balance A of [A, B; C, D] by powers of two, and bring it to Hessenberg form by reflections. */
 function hessenberg(n, M) {
   for (let done = false; !done; ) {
     done = true;
     for (let i = 0; i < n; ++i) {
-      let row = 0, column = 0, f = 1;
-      for (let j = 0; j < n; ++j) if (j !== i) [row, column] = [row + Math.abs(M[i][j]), column + Math.abs(M[j][i])];
+      const others = [...M.keys()].filter((j) => j !== i && j < n), add = (sum, value) => sum + Math.abs(value);
+      const row = others.map((j) => M[i][j]).reduce(add, 0), column = others.map((j) => M[j][i]).reduce(add, 0);
+      let f = 1;
       if (!row || !column) continue;
       while (column * f * f < row / 4) f *= 2;
       while (column * f * f > row * 4) f /= 2;
@@ -65,7 +66,8 @@ function eigenvalues(n, M) {
     const turned = [];
     for (let k = l; k < m; ++k) { // Q'H, of rotations [c, s; -s*, c*]
       const norm = Math.hypot(...H[k][k], ...H[k + 1][k]);
-      const [c, s] = norm ? [H[k][k], H[k + 1][k]].map((z) => scaled(conjugate(z), 1 / norm)) : [[1, 0], [0, 0]];
+      const [c, s] = [H[k][k], H[k + 1][k]].map((z) => scaled(conjugate(z), 1 / (norm || 1)));
+      if (!norm) continue;
       turned.push([k, c, s]);
       for (let j = k; j <= m; ++j) {
         const [p, q] = [H[k][j], H[k + 1][j]];
@@ -106,18 +108,20 @@ function analysed(rows) {
   const closed = rows.map((row, i) => row.map((value, j) => value - (rows[i][n] * rows[n][j]) / (1 + D)));
   const M = hessenberg(n, rows), open = eigenvalues(n, M), poles = eigenvalues(n, hessenberg(n, closed));
   const sizes = [...poles, ...open].map(([x, y]) => Math.hypot(x, y)), fast = Math.max(...sizes, 1e-300);
-  const slow = Math.min(fast, ...sizes.filter((s) => s > 1e-9 * fast)), [low, high] = [0.01 * slow, 100 * fast];
-  const number = n > 60 ? 300 : 600, grid = Array.from({ length: number }, (_, k) => low * (high / low) ** (k / (number - 1)));
+  const slow = Math.min(fast, ...sizes.filter((s) => s > 1e-9 * fast)), low = 0.01 * slow, high = 100 * fast;
+  const number = n > 60 ? 300 : 600;
+  const grid = Array.from({ length: number }, (_, k) => low * (high / low) ** (k / (number - 1)));
   for (const [x, y] of [...poles, ...open]) { // dense around resonances
+    const width = Math.min(0.3 * y, 30 * Math.max(Math.abs(x), 1e-4 * y)) / Math.sinh(4);
     if (y > low && y < high && Math.abs(x) < 0.3 * y)
-      for (let k = -8; k <= 8; ++k) grid.push(y + (Math.sinh(k / 2) / Math.sinh(4)) * Math.min(0.3 * y, 30 * Math.max(Math.abs(x), 1e-4 * y)));
+      for (let k = -8; k <= 8; ++k) grid.push(y + width * Math.sinh(k / 2));
   }
   const omega = Float64Array.from(grid).sort(), L = (w) => response(n, M, w), values = Array.from(omega, L);
   const turn = 2 * Math.PI, phase = [];
-  for (const [x, y] of values) {
-    const angle = Math.atan2(y, x), before = phase.length ? phase[phase.length - 1] : 0;
-    phase.push(phase.length ? angle + turn * Math.round((before - angle) / turn) : angle > 0.5 * Math.PI + 1e-9 ? angle - turn : angle);
-  }
+  values.forEach(([x, y], k) => { // the first one from -270° to 90°, then without jumps
+    const angle = Math.atan2(y, x), before = k ? phase[k - 1] : -Math.PI / 2 + 1e-9;
+    phase.push(angle + turn * Math.round((before - angle) / turn));
+  });
   // Zeros of a function along the grid, by bisection to the last digits.
   const zeros = (f) => {
     const at = values.map(f), found = [];
@@ -132,9 +136,10 @@ function analysed(rows) {
     }
     return found;
   };
-  const unity = zeros(([x, y]) => x * x + y * y - 1), real = zeros(([, y]) => y).filter(([, [x]]) => x < -1e-9);
-  const factors = real.map(([, [x]]) => -1 / x), [xr, xi] = L(1e-6 * slow);
-  for (const S of [1 / (1 + D), (1 + xr) / ((1 + xr) ** 2 + xi * xi)]) if (S < -1e-9 || S > 1 + 1e-9) factors.push(S / (S - 1));
+  const unity = zeros(([x, y]) => x * x + y * y - 1), [xr, xi] = L(1e-6 * slow);
+  const real = zeros(([, y]) => y).filter(([, [x]]) => x < -1e-9), factors = real.map(([, [x]]) => -1 / x);
+  for (const S of [1 / (1 + D), (1 + xr) / ((1 + xr) ** 2 + xi * xi)])
+    if (S < -1e-9 || S > 1 + 1e-9) factors.push(S / (S - 1));
   const angles = unity.map(([, [x, y]]) => Math.atan2(-y, -x)); // phase of L, from -180°
   return {
     poles, omega, magnitude: Float64Array.from(values, ([x, y]) => 20 * Math.log10(Math.hypot(x, y))),

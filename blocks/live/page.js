@@ -2,11 +2,11 @@
 
 const data = JSON.parse($("data").textContent);
 const seconds = data.tick[0] / data.tick[1];
-const defaults = new Float64Array(Uint8Array.from(atob(data.numbers), (c) => c.charCodeAt(0)).buffer).slice(0, data.sizes[0]);
+const defaults = doubles(data.numbers).slice(0, data.sizes[0]);
 const p = defaults.slice();
 const live = (window.trussflowLive = { redraws: 0, run: null, data, p });
 let steps = data.steps, kept = null, asked = 0, planned = false;
-const view = { label: "time", unit: "s", cursor: null, range: null, changed: redraw, pick: (time) => { view.cursor = time; redraw(); } };
+const view = { label: "time", unit: "s", cursor: null, range: null, changed: redraw, pick: point };
 
 /** Return the function of a run that gives a column of its log. */
 const column = (index) => (run) => {
@@ -21,7 +21,8 @@ const curves = charts.flatMap((chart) => chart.curves).filter(({ scalar }) => sc
 
 // -- the worker
 
-const worker = new Worker(URL.createObjectURL(new Blob([$("worker").textContent], { type: "text/javascript" })));
+const script = new Blob([$("worker").textContent], { type: "text/javascript" });
+const worker = new Worker(URL.createObjectURL(script));
 
 function ask() {
   worker.postMessage({ id: ++asked, p, steps, point: $("point").value });
@@ -42,7 +43,8 @@ worker.onmessage = ({ data: message }) => {
   live.run = message;
   view.ends = [message.time[0], steps * seconds];
   trouble(message.fault && `${message.fault}. The charts end there; try other values.`);
-  if (!partial) write($("status"), `${steps} steps of ${quantity(seconds, "s")} in ${quantity(message.seconds, "s")}`);
+  const [step, spent] = [seconds, message.seconds].map((time) => quantity(time, "s"));
+  if (!partial) write($("status"), `${steps} steps of ${step} in ${spent}`);
   redraw();
 };
 
@@ -52,6 +54,11 @@ async function begin() {
 }
 
 // -- drawing
+
+function point(time) {
+  view.cursor = time;
+  redraw();
+}
 
 function redraw() {
   if (planned || !live.run) return;
@@ -72,7 +79,7 @@ function redraw() {
   });
 }
 
-/** Step metrics: last value, rise time from 10 to 90 %, overshoot, settling time to 2 %; without a settled end only the first. */
+/** Step metrics: last value; if it is settled, rise time from 10 to 90 %, overshoot, settling time to 2 %. */
 function metrics(time, values) {
   const last = values.length - 1, first = values[0], steady = values[last], span = steady - first;
   let ten = -1, ninety = -1, settled = 0, peak = 1, size = 0;
@@ -84,10 +91,10 @@ function metrics(time, values) {
     if (share > peak) peak = share;
     size = Math.max(size, Math.abs(values[i]));
   }
-  const end = Math.abs(steady) < 1e-6 * size ? 0 : steady, settles = settled < 0.9 * last && Math.abs(span) > 1e-9 * size;
-  if (!settles) return { steady: end, rise: NaN, overshoot: NaN, settling: NaN };
+  const settles = settled < 0.9 * last && Math.abs(span) > 1e-9 * size, end = Math.abs(steady) < 1e-6 * size ? 0 : steady;
   const overshoot = Math.round(1e4 * (peak - 1)) / 100; // to 0.01 %
-  return { steady: end, rise: time[ninety] - time[ten], overshoot, settling: time[settled] - time[0] };
+  const found = [time[ninety] - time[ten], overshoot, time[settled] - time[0]];
+  return [end, ...found.map((value) => (settles ? value : NaN))];
 }
 
 /** Fill a table with rows of texts; the first row and the first column are headings. */
@@ -105,18 +112,21 @@ function table() {
   live.listed = key;
   const rows = curves.map(({ label, unit, values }) => {
     const [now, before] = [live.run, kept].map((run) => run && metrics(run.time, values(run)));
-    return [label, ...[["steady", unit], ["rise", "s"], ["overshoot", "%"], ["settling", "s"]].map(([name, of]) =>
-      quantity(now[name], of) + (before ? ` (${quantity(before[name], of)})` : ""))];
+    return [label, ...[unit, "s", "%", "s"].map((of, k) =>
+      quantity(now[k], of) + (before ? ` (${quantity(before[k], of)})` : ""))];
   });
   fill($("metrics"), [["signal", "last value", "rise time", "overshoot", "settling time"], ...rows]);
 }
 
 // -- the loop
 
-const sweep = { label: "frequency", unit: "rad/s", log: true, cursor: null, range: null, changed: () => bode() };
-const plots = data.loop ? [["magnitude", "dB"], ["phase", "°"]].map(([title, unit]) =>
-  new Chart($("analysis"), { title: `${title} of the loop gain`, unit, curves: [{ label: title, values: (loop) => loop[title] }] }, sweep)) : [];
+const sweep = { label: "frequency", unit: "rad/s", log: true, cursor: null, range: null, changed: bode };
+const plots = [];
 if (data.loop) {
+  for (const [label, unit] of [["magnitude", "dB"], ["phase", "°"]]) {
+    const curves = [{ label, values: (loop) => loop[label] }];
+    plots.push(new Chart($("analysis"), { title: `${label} of the loop gain`, unit, curves }, sweep));
+  }
   $("loop").hidden = false;
   $("wire").textContent = `Loop opened at ${data.loop.name}`;
   $("point").onchange = ask;
@@ -138,25 +148,27 @@ function analysis(found) {
     ["crossover", found.crossover > 0 ? `${quantity(found.crossover)} rad/s` : none],
   ] : [["the closed loop is unstable"]]);
   $("margins").className = stable ? "" : "unstable";
-  const upper = found.poles.map(([x, y]) => [x, Math.abs(y) < 1e-6 * Math.abs(x) ? 0 : y]).filter(([, y]) => y >= 0);
-  fill($("list"), [["slowest closed-loop poles", "frequency", "damping"], ...upper.sort((a, b) => b[0] - a[0]).slice(0, 10).map(([x, y]) => {
-    const size = Math.hypot(x, y);
-    return [`${quantity(x)}${y > 0 ? ` ± ${quantity(y)}j` : ""}`, `${quantity(size)} rad/s`, quantity(size ? -x / size : 1)];
-  })]);
+  const real = ([x, y]) => [x, Math.abs(y) < 1e-6 * Math.abs(x) ? 0 : y];
+  const upper = found.poles.map(real).filter(([, y]) => y >= 0).sort((a, b) => b[0] - a[0]);
+  const rows = upper.slice(0, 10).map(([x, y]) => {
+    const size = Math.hypot(x, y), pole = quantity(x) + (y > 0 ? ` ± ${quantity(y)}j` : "");
+    return [pole, `${quantity(size)} rad/s`, quantity(size ? -x / size : 1)];
+  });
+  fill($("list"), [["slowest closed-loop poles", "frequency", "damping"], ...rows]);
   bode();
 }
 
 // -- sliders
 
 const controls = data.controls.map((control) => {
-  const { name, low, high, log, place } = control, box = element("div", "control"), head = element("div", "head");
-  const label = element("label", "", name.replace(/[._]/g, "$&\u200b")), reset = element("button", "", "↺");
-  const slider = Object.assign(element("input"), { type: "range", min: 0, max: 1000, step: 1, ariaLabel: name });
-  const range = { min: control.min, max: control.max, step: "any" };
-  const field = Object.assign(element("input"), { type: "number", ...range, ariaLabel: `${name}, number` });
+  const { name, low, high, log, place, min, max } = control, box = element("div", "control");
+  const head = element("div", "head"), label = element("label", "", name.replace(/[._]/g, "$&\u200b"));
+  const slider = Object.assign(element("input"), { type: "range", max: 1000, ariaLabel: name });
+  const field = element("input"), reset = element("button", "", "↺");
+  Object.assign(field, { type: "number", min, max, step: "any", ariaLabel: `${name}, number` });
   const set = (value) => {
     p[place] = value;
-    slider.value = 1000 * (log ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low));
+    slider.value = 1000 * shareOf(value, low, high, log);
     field.value = Number(value.toPrecision(4));
     box.classList.toggle("changed", value !== defaults[place]);
   };
@@ -168,10 +180,7 @@ const controls = data.controls.map((control) => {
   label.title = box.title = control.meaning;
   reset.title = slider.title = `double-click the slider or press ↺ for ${defaults[place]}`;
   reset.onclick = slider.ondblclick = () => change(defaults[place]);
-  slider.oninput = () => {
-    const share = slider.value / 1000;
-    change(Number((log ? low * (high / low) ** share : low + (high - low) * share).toPrecision(4)));
-  };
+  slider.oninput = () => change(Number(valueAt(slider.value / 1000, low, high, log).toPrecision(4)));
   field.onchange = () => { if (field.value && field.checkValidity()) change(Number(field.value)); };
   head.append(label, field, element("span", "unit", control.unit), reset);
   box.append(head, slider);
@@ -214,11 +223,13 @@ function span(duration) {
 function python() {
   const nested = (start, [size, ...shape]) => (size === undefined ? p[start]
     : Array.from({ length: size }, (_, i) => nested(start + i * shape.reduce((a, b) => a * b, 1), shape)));
-  const { solver, logged: log, arrays } = data, every = data.every * Math.ceil(steps / data.steps);
-  const parameters = Object.fromEntries(changed().map(({ array }) => [array, nested(arrays[array][0], arrays[array].slice(1))]));
-  const settings = { step: seconds, solver, log, log_step: (every * data.tick[0]) / data.tick[1], parameters };
+  const { solver, logged: log, arrays, tick } = data, ticks = data.every * Math.ceil(steps / data.steps) * tick[0];
+  const parameters = {};
+  for (const { array } of changed()) parameters[array] = nested(arrays[array][0], arrays[array].slice(1));
+  const settings = { step: seconds, solver, log, log_step: ticks / tick[1], parameters };
   const lines = Object.entries(settings).map(([name, value]) => `    ${name}=${JSON.stringify(value)},\n`);
-  return `from trussflow.blocks import simulate\n\nresult = simulate(\n    diagram,\n    ${steps * seconds},\n${lines.join("")})\n`;
+  const call = `simulate(\n    diagram,\n    ${steps * seconds},\n${lines.join("")})`;
+  return `from trussflow.blocks import simulate\n\nresult = ${call}\n`;
 }
 Object.assign(live, { metrics, python, address });
 
@@ -239,11 +250,10 @@ $("keep").onclick = () => {
   redraw();
 };
 $("duration").onchange = () => { span(Number($("duration").value)); ask(); remember(); };
-$("cursor").oninput = () => { view.cursor = $("cursor").value * steps * seconds; redraw(); };
+$("cursor").oninput = () => point($("cursor").value * steps * seconds);
 player($("play"), (passed) => {
   const end = steps * seconds;
-  view.cursor = view.cursor >= end ? 0 : Math.min(end, view.cursor + passed);
-  redraw();
+  point(view.cursor >= end ? 0 : Math.min(end, view.cursor + passed));
   return view.cursor < end;
 });
 
@@ -262,7 +272,8 @@ const panels = window.trussflowPanels.filter((panel) => {
 function update(time) {
   if (!panels.length) return;
   const row = indexOf(live.run.time, time) * data.width;
-  const signals = Object.fromEntries(data.panelSignals.map(([name, places]) => [name, places.map((place) => live.run.log[row + place])]));
+  const values = (places) => places.map((place) => live.run.log[row + place]);
+  const signals = Object.fromEntries(data.panelSignals.map(([name, places]) => [name, values(places)]));
   for (const panel of panels) panel.update(time, signals);
 }
 

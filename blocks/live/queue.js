@@ -22,7 +22,8 @@ async function serve(job) {
   };
   const result = await engine.run(job, pause);
   if (!result) return;
-  postMessage({ id: job.id, ...result, seconds: (performance.now() - begin) / 1000 }, [result.time.buffer, result.log.buffer]);
+  const seconds = (performance.now() - begin) / 1000;
+  postMessage({ id: job.id, ...result, seconds }, [result.time.buffer, result.log.buffer]);
   if (!engine.data.loop) return;
   if (engine.data.sizes[1] > LARGE) await rest(REST);
   if (!wanted) postMessage({ id: job.id, analysis: analysed(engine.linear(...engine.points[job.point])) });

@@ -18,7 +18,7 @@ class Engine {
   }
 
   async run(job, pause) {
-    const abort = new AbortController(), { tick, every } = this.data, width = this.data.width + 1, values = [];
+    const { tick, every, width: size } = this.data, width = size + 1, values = [], abort = new AbortController();
     const result = () => ({ // times, and rows without them
       time: Float64Array.from({ length: values.length / width }, (_, row) => values[row * width]),
       log: Float64Array.from(values.filter((_, i) => i % width)),
@@ -37,7 +37,8 @@ class Engine {
           for (const value of doubles(packed)) values.push(value);
           if (fault !== undefined) return { ...result(), fault };
         }
-        if (values.length && (await pause((values.length / width / job.steps) * every, result))) return abort.abort();
+        const share = (values.length / width / job.steps) * every;
+        if (share && (await pause(share, result))) return abort.abort();
       }
       throw Error("the server has ended");
     } finally {

@@ -35,7 +35,7 @@ class Engine {
     this.room = -1;
   }
 
-  /** Return the rows of the matrix [A, B; C, D] of the loop at a point (time, x, d), for negative feedback. */
+  /** Return the rows of [A, B; C, D] of the loop at a point (time, x, d), for negative feedback. */
   linear(time, x, d) {
     const { sizes: [, n], loop } = this.data, size = this.opened.length;
     this.array(this.x, n).set(x);
@@ -52,7 +52,7 @@ class Engine {
       direction[k] = 1;
       this.evaluate("slope", time, this.x, this.point, this.wire);
       const slope = this.array(this.wire, n + 1);
-      if (!slope.every(Number.isFinite)) throw Error(`the loop at '${loop.name}' has no finite derivative there`);
+      if (!slope.every(Number.isFinite)) throw Error(`the loop at '${loop.name}' has no finite derivative`);
       rows.forEach((row, i) => { row[k] = i < n ? slope[i] : -slope[n]; });
     }
     return rows;

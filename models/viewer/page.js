@@ -25,8 +25,8 @@ const replaced = (value, blob) => {
 const row = (columns, i) => Array.from(columns, (column) => column[i]);
 
 function stateOf(run, t) {
-  const i = indexOf(run.time[0], t + 1e-9), [q, force, torque] = [run.coordinates, run.force, run.torque].map((one) => row(one, i));
-  return Scene3d.stateOf(run.ends, q, force, torque);
+  const i = indexOf(run.time[0], t + 1e-9);
+  return Scene3d.stateOf(run.ends, ...[run.coordinates, run.force, run.torque].map((one) => row(one, i)));
 }
 
 // ---- the page ------------------------------------------------------------------------------------------
@@ -38,7 +38,8 @@ class Page {
     this.end = Math.max(...this.runs.map((run) => run.time[0].at(-1)));
     this.t = this.start;
     const changed = (all) => this.charts.forEach((chart) => (all ? chart.draw() : chart.mark()));
-    this.view = { label: "time", unit: "s", ends: [this.start, this.end], pick: (t) => this.show(t), changed };
+    const ends = [this.start, this.end], pick = (t) => this.show(t);
+    this.view = { label: "time", unit: "s", ends, pick, changed };
     const longest = Object.fromEntries(["force", "torque"].map((name) => [name, this.peak(name)]));
     const target = this.target && Scene3d.stateOf(this.runs[0].ends, this.target), cloud = this.poses();
     const paths = this.runs.map((run) => this.path(run)), options = { target, longest, paths, camera, cloud };
@@ -62,8 +63,9 @@ class Page {
   path({ time, coordinates }) { // of the root, as points some centimetres apart
     const found = [], every = Math.max(1, Math.ceil(time[0].length / 400));
     for (let i = 0; i < time[0].length; i += every) {
-      const point = row(coordinates.slice(0, 3), i), last = found.at(-1);
-      if (Scene3d.near(point) && (!last || Math.hypot(...point.map((a, k) => a - last[k])) > 0.1)) found.push(point);
+      const point = row(coordinates.slice(0, 3), i), last = found.at(-1) ?? [];
+      const isNew = !(Math.hypot(...point.map((a, k) => a - last[k])) < 0.1);
+      if (Scene3d.near(point) && isNew) found.push(point);
     }
     return found;
   }
@@ -114,10 +116,11 @@ class Page {
     place.textContent = "";
     const signal = (run) => run.signals.find((one) => one.name === name);
     const found = this.runs.map(signal).filter(Boolean);
-    const { units, inner, components } = found.reduce((a, b) => (b.components.length > a.components.length ? b : a));
-    const curves = components.map((label, k) => ({
-      label, colour: COLOURS[Math.floor(k / inner) % COLOURS.length], values: (run) => signal(run)?.values[k] ?? [],
-    }));
+    const { units, inner, components } = found.sort((a, b) => b.components.length - a.components.length)[0];
+    const curves = components.map((label, k) => {
+      const colour = COLOURS[Math.floor(k / inner) % COLOURS.length];
+      return { label, colour, values: (run) => signal(run)?.values[k] ?? [] };
+    });
     const chart = new Chart(place, { unit: units, curves }, this.view);
     chart.show(...this.runs.map(({ signalTime, signals }) => ({ time: signalTime[0], signals })));
     this.charts.push(chart);
@@ -126,7 +129,8 @@ class Page {
 
 // ---- its controls
 
-const choices = (select, named) => select.append(...Array.from(named, ([value, text]) => new Option(text, value)));
+const choices = (select, named) =>
+  select.append(...Array.from(named, ([value, text]) => new Option(text, value)));
 
 function chartsOf(page) {
   const label = ({ name, units }) => [name, name.replaceAll("_", " ") + (units && ` [${units}]`)];
@@ -181,7 +185,8 @@ async function begin() {
   $("follow").value = asked.get("follow") ?? (page.scene.far ? "truss" : "nothing");
   page.scene.followed = $("follow").value;
   // The arrow keys move the slider by one instant of the picture.
-  Object.assign($("time"), { min: page.start, max: page.end, step: (page.end - page.start) / (page.runs[0].time[0].length - 1) });
+  const step = (page.end - page.start) / (page.runs[0].time[0].length - 1);
+  Object.assign($("time"), { min: page.start, max: page.end, step });
   if (page.runs.length > 1) $("second").textContent = `faint curves: ${page.runs[1].name}`;
   page.legend();
   if (asked.has("film")) {
