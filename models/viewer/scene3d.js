@@ -18,7 +18,7 @@ const Scene3d = (() => {
   const CLOSE = 0.8; // half of the visible width at a followed robot [m]
   const FAR = 30; // a motion of more truss sizes than this would shrink the truss to a dot [-]
   const LOST = 1e5; // points farther away are not drawn [m]
-  const SHADOW = 2048; // width of the shadow map [pixel]
+  const [BODY, GROUND, SHADOW] = [0, 1, 2]; // kinds of drawn triangles
   const VIEW = 0.55; // vertical field of view [rad]
   const SUN = [0.36, -0.3, 0.883]; // direction to the light, of length 1
 
@@ -133,66 +133,40 @@ const Scene3d = (() => {
     return [[from, thick, cones[0][0], thick, 0], ...cones];
   }
 
-  // ---- programs of the graphics processor ----------------------------------------------------------------
+  // ---- program of the graphics processor ----------------------------------------------------------------
 
   const PLACED = `#version 300 es
     precision highp float;
     uniform mat4 clip;
     layout(location=0) in vec3 corner; layout(location=1) in vec3 across; layout(location=2) in vec4 colour;
-    invariant gl_Position; // depths are equal in both programs
     out vec3 place, normal; out vec4 tint;
     void main() { place = corner; normal = across; tint = colour; gl_Position = clip * vec4(place, 1); }`;
   const LIT = `#version 300 es
-    precision highp float; precision highp sampler2DShadow;
+    precision highp float;
     in vec3 place, normal; in vec4 tint; out vec4 shown;
-    uniform sampler2DShadow depths; uniform mat4 sun; uniform vec3 light, eye, grid; uniform vec2 origin;
-    uniform float reach, size; uniform int ground;
-    float lit(vec3 at) { // share of the light that arrives, filtered over some texels
-      vec3 seen = (sun * vec4(at, 1)).xyz * 0.5 + 0.5; float found = 0.0;
-      if (any(greaterThan(abs(seen - 0.5), vec3(0.5)))) return 1.0;
-      for (float i = -0.75; i < 1.0; i += 1.5) for (float j = -0.75; j < 1.0; j += 1.5)
-        found += texture(depths, vec3(seen.xy + vec2(i, j) / ${SHADOW}.0, seen.z));
-      return mix(found / 4.0, 1.0, smoothstep(0.35, 0.5, length(seen.xy - 0.5)));
-    }
+    uniform vec3 light, eye, grid, back; uniform vec2 origin; uniform float reach, size; uniform int kind;
     float lines(vec2 at, float cell) {
       vec2 part = at / cell, wide = fwidth(part), off = abs(fract(part - 0.5) - 0.5) / max(wide, 1e-6);
       return (1.0 - min(min(off.x, off.y), 1.0)) * clamp(1.2 - 2.5 * max(wide.x, wide.y), 0.0, 1.0);
     }
     void main() {
-      if (ground == 1) {
-        float fade = 1.0 - smoothstep(0.35, 1.0, length(place.xy) / reach);
+      float fade = 1.0 - smoothstep(0.35, 1.0, length(place.xy) / reach);
+      if (kind == ${SHADOW}) { shown = vec4(0.78 * back, 1); return; }
+      if (kind == ${GROUND}) {
         vec2 at = place.xy + origin;
-        float mark = max(0.06, max(0.22 * lines(at, size), 0.5 * lines(at, 5.0 * size))), dark = 0.3 * (1.0 - lit(place));
-        vec3 colour = mix(grid, vec3(0), dark / max(mark + dark, 1e-4));
-        shown = vec4(colour, fade * max(mark, dark) * (gl_FrontFacing ? 1.0 : 0.3));
+        float mark = max(0.06, max(0.22 * lines(at, size), 0.5 * lines(at, 5.0 * size)));
+        shown = vec4(grid, fade * mark * (gl_FrontFacing ? 1.0 : 0.3));
         return;
       }
-      vec3 n = normal == vec3(0) ? cross(dFdx(place), dFdy(place)) : normal, view = normalize(eye - place);
-      n = normalize(n);
+      vec3 view = normalize(eye - place);
+      vec3 n = normalize(normal == vec3(0) ? cross(dFdx(place), dFdy(place)) : normal);
       if (dot(n, view) < 0.0) n = -n;
-      float key = max(dot(n, light), 0.0);
-      if (key > 0.0) key *= lit(place + n * 0.0002 * reach);
-      float gloss = pow(max(dot(n, normalize(light + view)), 0.0), 48.0) * key;
+      float key = max(dot(n, light), 0.0), gloss = pow(max(dot(n, normalize(light + view)), 0.0), 48.0) * key;
       float rim = 0.18 * pow(1.0 - dot(n, view), 3.0), sky = 0.36 + 0.2 * n.z;
-      vec3 base = pow(tint.rgb, vec3(2.2)), colour = base * (sky + 0.78 * key) + 0.22 * gloss + rim * (base + 0.15);
+      vec3 base = pow(tint.rgb, vec3(2.2));
+      vec3 colour = base * (sky + 0.78 * key) + 0.22 * gloss + rim * (base + 0.15);
       shown = vec4(pow(colour, vec3(1.0 / 2.2)), tint.a);
     }`;
-  const EMPTY = `#version 300 es
-    precision highp float;
-    void main() {}`;
-
-  function programOf(gl, fragment) {
-    const program = gl.createProgram();
-    for (const [kind, text] of [[gl.VERTEX_SHADER, PLACED], [gl.FRAGMENT_SHADER, fragment]]) {
-      const shader = gl.createShader(kind);
-      gl.shaderSource(shader, text);
-      gl.compileShader(shader);
-      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
-      gl.attachShader(program, shader);
-    }
-    gl.linkProgram(program);
-    return program;
-  }
 
   const SIDES = 12; // of a capsule
   const ROWS = [ // from one pole to the other: elevation, end, whether it is of the side
@@ -270,27 +244,24 @@ const Scene3d = (() => {
     }
 
     prepare() {
-      const { gl } = this;
-      this.programs = { lit: programOf(gl, LIT), shadow: programOf(gl, EMPTY) };
-      this.kinds = { corners: gl.ARRAY_BUFFER, triangles: gl.ELEMENT_ARRAY_BUFFER };
-      for (const kind of Object.values(this.kinds)) gl.bindBuffer(kind, gl.createBuffer());
+      const { gl } = this, program = gl.createProgram();
+      for (const [kind, text] of [[gl.VERTEX_SHADER, PLACED], [gl.FRAGMENT_SHADER, LIT]]) {
+        const shader = gl.createShader(kind);
+        gl.shaderSource(shader, text);
+        gl.compileShader(shader);
+        if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
+        gl.attachShader(program, shader);
+      }
+      gl.linkProgram(program);
+      gl.useProgram(program);
+      this.uniform = (name) => gl.getUniformLocation(program, name);
+      for (const kind of [gl.ARRAY_BUFFER, gl.ELEMENT_ARRAY_BUFFER]) gl.bindBuffer(kind, gl.createBuffer());
       [3, 3, 4].forEach((size, place) => {
         gl.enableVertexAttribArray(place);
         gl.vertexAttribPointer(place, size, gl.FLOAT, false, 40, 12 * place);
       });
-      gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
-      gl.texStorage2D(gl.TEXTURE_2D, 1, gl.DEPTH_COMPONENT24, SHADOW, SHADOW);
-      for (const [name, value] of [
-        [gl.TEXTURE_COMPARE_MODE, gl.COMPARE_REF_TO_TEXTURE], [gl.TEXTURE_MIN_FILTER, gl.LINEAR],
-        [gl.TEXTURE_MAG_FILTER, gl.LINEAR], [gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE], [gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE],
-      ]) gl.texParameteri(gl.TEXTURE_2D, name, value);
-      const texture = gl.getParameter(gl.TEXTURE_BINDING_2D);
-      gl.bindFramebuffer(gl.FRAMEBUFFER, this.shadow = gl.createFramebuffer());
-      gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.DEPTH_ATTACHMENT, gl.TEXTURE_2D, texture, 0);
-      gl.drawBuffers([gl.NONE]);
       gl.enable(gl.DEPTH_TEST);
       gl.depthFunc(gl.LEQUAL);
-      gl.polygonOffset(2, 4);
       gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     }
 
@@ -372,9 +343,9 @@ const Scene3d = (() => {
           part(`target of robot ${k + 1}`, ghost, lines, { ...look, ...mesh, legend: "target" });
         });
       }
-      const corner = this.bounds.map(([low]) => low - MARGIN);
+      const middle = this.bounds.map(([low, high], k) => (k < 2 ? (low + high) / 2 : low - MARGIN));
       AXES.forEach(([name, colour], k) =>
-        part(`${name}, 1 m`, colour, arrowOf(corner, [0, 1, 2].map((axis) => +(axis === k)), 1)));
+        part(`${name}, 1 m`, colour, arrowOf(middle, [0, 1, 2].map((axis) => +(axis === k)), 1)));
       return parts;
     }
 
@@ -425,8 +396,8 @@ const Scene3d = (() => {
       for (const [x, y] of [[-1, -1], [1, -1], [1, 1], [-1, 1]])
         corners.push(x * this.reach, y * this.reach, this.floor - origin[2], 0, 0, 1, 0, 0, 0, 1);
       triangles.push(ground, ground + 1, ground + 2, ground, ground + 2, ground + 3);
-      gl.bufferData(this.kinds.corners, new Float32Array(corners), gl.DYNAMIC_DRAW);
-      gl.bufferData(this.kinds.triangles, new Uint32Array(triangles), gl.DYNAMIC_DRAW);
+      gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(corners), gl.DYNAMIC_DRAW);
+      gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, new Uint32Array(triangles), gl.DYNAMIC_DRAW);
       return [...layers, [triangles.length - 6, 6]];
     }
 
@@ -448,55 +419,44 @@ const Scene3d = (() => {
       const lens = [1 / tangents[0], 0, 0, 0, 0, 1 / tangents[1], 0, 0];
       lens.push(0, 0, (low + high) / depth, -1, 0, 0, (2 * low * high) / depth, 0);
       this.clip = product(lens, seenFrom(axes, this.eye));
-      const wide = 2.2 * size, flat = [1 / wide, 0, 0, 0, 0, 1 / wide, 0, 0, 0, 0, -1 / (5 * size), 0, 0, 0, 0, 1];
-      this.sun = product(flat, seenFrom(axesOf(Math.atan2(SUN[1], SUN[0]), Math.asin(SUN[2])), [0, 0, 0]));
+      // Along the light to the floor, column by column.
+      const [x, y] = [0, 1].map((k) => SUN[k] / SUN[2]), ground = this.floor - this.target[2];
+      const flat = [1, 0, 0, 0, 0, 1, 0, 0, -x, -y, 0, 0, x * ground, y * ground, ground, 1];
+      this.shade = product(this.clip, flat);
     }
 
-    // Draw some triangles with a program.
-    paint([start, count], name, matrix, ground = 0) {
-      const { gl, cell } = this, program = this.programs[name], place = (uniform) => gl.getUniformLocation(program, uniform);
-      gl.useProgram(program);
-      gl.uniformMatrix4fv(place("clip"), false, matrix);
-      if (name === "lit") {
-        gl.uniformMatrix4fv(place("sun"), false, this.sun);
-        gl.uniform3fv(place("light"), SUN);
-        gl.uniform3fv(place("eye"), this.eye);
-        gl.uniform3fv(place("grid"), numbers(THEMES[+this.dark].grid).slice(0, 3));
-        gl.uniform2fv(place("origin"), [0, 1].map((k) => this.target[k] % (5 * cell)));
-        gl.uniform1f(place("reach"), this.reach);
-        gl.uniform1f(place("size"), cell);
-        gl.uniform1i(place("ground"), ground);
-      }
+    paint([start, count], kind, matrix = this.clip) {
+      const { gl, uniform } = this;
+      gl.uniformMatrix4fv(uniform("clip"), false, matrix);
+      gl.uniform1i(uniform("kind"), kind);
       gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_INT, 4 * start);
     }
 
     draw(width = this.element.clientWidth, height = this.element.clientHeight, density = Math.min(2, devicePixelRatio)) {
       if (!(width && height)) return;
-      const { gl, canvas } = this;
+      const { gl, canvas, uniform } = this, { grid, back } = THEMES[+this.dark];
       [canvas.width, canvas.height] = [width, height].map((side) => Math.round(side * density));
       this.aim(width / height);
       const layers = this.upload(this.parts(), this.target), ground = layers.pop();
-      gl.bindFramebuffer(gl.FRAMEBUFFER, this.shadow);
-      gl.viewport(0, 0, SHADOW, SHADOW);
-      gl.disable(gl.BLEND);
-      gl.enable(gl.POLYGON_OFFSET_FILL);
-      gl.clear(gl.DEPTH_BUFFER_BIT);
-      for (const layer of layers.slice(0, 2)) this.paint(layer, "shadow", this.sun);
-      gl.disable(gl.POLYGON_OFFSET_FILL);
-      gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+      const vectors = { light: SUN, eye: this.eye, grid: numbers(grid).slice(0, 3), back: numbers(back).slice(0, 3) };
+      for (const [name, value] of Object.entries(vectors)) gl.uniform3fv(uniform(name), value);
+      gl.uniform2fv(uniform("origin"), [0, 1].map((k) => this.target[k] % (5 * this.cell)));
+      gl.uniform1f(uniform("reach"), this.reach);
+      gl.uniform1f(uniform("size"), this.cell);
       gl.viewport(0, 0, canvas.width, canvas.height);
-      gl.clearColor(...numbers(THEMES[+this.dark].back));
+      gl.clearColor(...numbers(back));
+      gl.disable(gl.BLEND);
       gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-      this.paint(layers[0], "lit", this.clip);
+      gl.depthMask(false); // of the ground, which covers nothing
+      for (const layer of layers.slice(0, 2)) this.paint(layer, SHADOW, this.shade);
       gl.enable(gl.BLEND);
-      gl.depthMask(false);
-      this.paint(ground, "lit", this.clip, 1);
+      this.paint(ground, GROUND);
       gl.depthMask(true);
-      for (const layer of layers.slice(1)) { // first the depths alone, so that only the nearest surface is blended
+      for (const layer of layers) { // first the depths alone, so that only the nearest surface is blended
         gl.colorMask(false, false, false, false);
-        this.paint(layer, "shadow", this.clip);
+        this.paint(layer, BODY);
         gl.colorMask(true, true, true, true);
-        this.paint(layer, "lit", this.clip);
+        this.paint(layer, BODY);
       }
     }
 

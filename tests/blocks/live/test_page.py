@@ -188,10 +188,11 @@ def test_metrics_are_those_of_a_first_order_lag(window, tmp_path):
         "trussflowLive.metrics(trussflowLive.run.time, trussflowLive.run.log)"
     )
     # y = 1 - exp(-t), to the resolution of the log.
-    assert found["rise"] == pytest.approx(np.log(9.0), abs=0.02)
-    assert found["settling"] == pytest.approx(np.log(50.0), abs=0.02)
-    assert found["steady"] == pytest.approx(1.0, abs=1e-8)
-    assert found["overshoot"] == pytest.approx(0.0, abs=1e-6)
+    steady, rise, overshoot, settling = found
+    assert rise == pytest.approx(np.log(9.0), abs=0.02)
+    assert settling == pytest.approx(np.log(50.0), abs=0.02)
+    assert steady == pytest.approx(1.0, abs=1e-8)
+    assert overshoot == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_kept_run_stays_behind_until_it_is_forgotten(pid_page, window):
