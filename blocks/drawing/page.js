@@ -83,7 +83,8 @@ for (const id of ["open", "close"]) $(id).hidden = !groups.length;
 
 // ---- search
 
-const paths = [svg, ...groups].flatMap((one) => Array.from(one.querySelectorAll(".block"), ({ dataset }) => dataset.path));
+const allBlocks = [svg, ...groups].flatMap((one) => [...one.querySelectorAll(".block")]);
+const paths = allBlocks.map(({ dataset }) => dataset.path);
 let found = [], current = -1;
 search.oninput = () => {
   const text = search.value.trim().toLowerCase();

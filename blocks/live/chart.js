@@ -66,11 +66,12 @@ const doubles = (text) => new Float64Array(bytesOf(text).buffer);
 
 /** Return the bytes of a compressed element of the page. */
 async function inflated(id) {
-  const stream = new Blob([bytesOf($(id).textContent)]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const packed = new Blob([bytesOf($(id).textContent)]).stream();
+  const stream = packed.pipeThrough(new DecompressionStream("deflate"));
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-/** Let a button play: in each frame, `advance` gets the seconds since the last, and tells whether to go on. */
+/** Let a button play: in each frame, `advance` gets the seconds since the last; false ends the play. */
 function player(button, advance) {
   let last = null; // the time of the last frame, while it plays
   const set = (time) => {

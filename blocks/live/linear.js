@@ -12,8 +12,9 @@ function hessenberg(n, M) {
   for (let done = false; !done; ) {
     done = true;
     for (let i = 0; i < n; ++i) {
-      const others = [...M.keys()].filter((j) => j !== i && j < n), add = (sum, value) => sum + Math.abs(value);
-      const row = others.map((j) => M[i][j]).reduce(add, 0), column = others.map((j) => M[j][i]).reduce(add, 0);
+      const others = [...M.keys()].filter((j) => j !== i && j < n);
+      const row = others.reduce((sum, j) => sum + Math.abs(M[i][j]), 0);
+      const column = others.reduce((sum, j) => sum + Math.abs(M[j][i]), 0);
       let f = 1;
       if (!row || !column) continue;
       while (column * f * f < row / 4) f *= 2;

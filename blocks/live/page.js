@@ -91,7 +91,8 @@ function metrics(time, values) {
     if (share > peak) peak = share;
     size = Math.max(size, Math.abs(values[i]));
   }
-  const settles = settled < 0.9 * last && Math.abs(span) > 1e-9 * size, end = Math.abs(steady) < 1e-6 * size ? 0 : steady;
+  const settles = settled < 0.9 * last && Math.abs(span) > 1e-9 * size;
+  const end = Math.abs(steady) < 1e-6 * size ? 0 : steady;
   const overshoot = Math.round(1e4 * (peak - 1)) / 100; // to 0.01 %
   const found = [time[ninety] - time[ten], overshoot, time[settled] - time[0]];
   return [end, ...found.map((value) => (settles ? value : NaN))];
@@ -223,10 +224,10 @@ function span(duration) {
 function python() {
   const nested = (start, [size, ...shape]) => (size === undefined ? p[start]
     : Array.from({ length: size }, (_, i) => nested(start + i * shape.reduce((a, b) => a * b, 1), shape)));
-  const { solver, logged: log, arrays, tick } = data, ticks = data.every * Math.ceil(steps / data.steps) * tick[0];
+  const { solver, logged: log, arrays, tick } = data, every = data.every * Math.ceil(steps / data.steps);
   const parameters = {};
   for (const { array } of changed()) parameters[array] = nested(arrays[array][0], arrays[array].slice(1));
-  const settings = { step: seconds, solver, log, log_step: ticks / tick[1], parameters };
+  const settings = { step: seconds, solver, log, log_step: (every * tick[0]) / tick[1], parameters };
   const lines = Object.entries(settings).map(([name, value]) => `    ${name}=${JSON.stringify(value)},\n`);
   const call = `simulate(\n    diagram,\n    ${steps * seconds},\n${lines.join("")})`;
   return `from trussflow.blocks import simulate\n\nresult = ${call}\n`;

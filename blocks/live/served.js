@@ -18,7 +18,8 @@ class Engine {
   }
 
   async run(job, pause) {
-    const { tick, every, width: size } = this.data, width = size + 1, values = [], abort = new AbortController();
+    const { tick, every } = this.data, width = this.data.width + 1, values = [];
+    const abort = new AbortController();
     const result = () => ({ // times, and rows without them
       time: Float64Array.from({ length: values.length / width }, (_, row) => values[row * width]),
       log: Float64Array.from(values.filter((_, i) => i % width)),

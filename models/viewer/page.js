@@ -15,13 +15,6 @@ function unpacked(blob, { offset, shape, width }) {
   return Array.from({ length: shape[0] }, (_, i) => all.subarray(i * each, (i + 1) * each));
 }
 
-const replaced = (value, blob) => {
-  if (value === null || typeof value !== "object") return value;
-  if ("width" in value && "offset" in value) return unpacked(blob, value);
-  if (Array.isArray(value)) return value.map((v) => replaced(v, blob));
-  return Object.fromEntries(Object.entries(value).map(([k, v]) => [k, replaced(v, blob)]));
-};
-
 const row = (columns, i) => Array.from(columns, (column) => column[i]);
 
 function stateOf(run, t) {
@@ -163,10 +156,9 @@ function listen(page) {
 }
 
 async function begin() {
-  const head = replaced(JSON.parse($("head").textContent), await inflated("blob"));
-  const asked = new URLSearchParams(location.hash.slice(1)), camera = asked.get("camera") ?? "oblique";
-  const cameras = Object.keys(Scene3d.CAMERAS);
-  if (!cameras.includes(camera)) throw new Error(`no camera '${camera}', but ${cameras.join(", ")}`);
+  const blob = await inflated("blob"), asked = new URLSearchParams(location.hash.slice(1));
+  const head = JSON.parse($("head").textContent, (_, value) => (value?.width ? unpacked(blob, value) : value));
+  const cameras = Object.keys(Scene3d.CAMERAS), camera = asked.get("camera") ?? "oblique";
   if (asked.has("still")) { // a picture of so many pixels height, and nothing else
     document.body.className = "still";
     $("left").style.height = `${asked.get("still")}px`;

@@ -13,10 +13,11 @@ const Scene3d = (() => {
   const CAMERAS = { // azimuth and elevation of the eye [rad]
     oblique: [-2.08, 0.42], front: [-Math.PI / 2, 0.06], side: [0, 0.06], top: [-Math.PI / 2, Math.PI / 2],
   };
+  const EIGHT = [0, 1, 2, 3, 4, 5, 6, 7]; // corners of a box
   const LONGEST = 2.5; // longest arrow [m]
   const MARGIN = 0.5; // around everything visible [m]
   const CLOSE = 0.8; // half of the visible width at a followed robot [m]
-  const FAR = 30; // a motion of more truss sizes than this would shrink the truss to a dot [-]
+  const FAR = 60; // a motion of more half truss sizes than this would shrink the truss to a dot [-]
   const LOST = 1e5; // points farther away are not drawn [m]
   const [BODY, GROUND, SHADOW] = [0, 1, 2]; // kinds of drawn triangles
   const VIEW = 0.55; // vertical field of view [rad]
@@ -30,6 +31,7 @@ const Scene3d = (() => {
   const sum = (a, b, scale = 1) => [a[0] + scale * b[0], a[1] + scale * b[1], a[2] + scale * b[2]];
   const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
   const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+  const unitOf = (v) => v.map((a) => a / Math.hypot(...v));
   const mean = (points) => points.reduce((a, b) => sum(a, b)).map((a) => a / points.length);
   const near = (point) => point.every((a) => Math.abs(a) < LOST);
 
@@ -42,7 +44,8 @@ const Scene3d = (() => {
     ];
   }
 
-  const about = (axis, angle) => quaternion([Math.cos(angle / 2), ...axis.map((a) => a * Math.sin(angle / 2))]);
+  const about = (axis, angle) =>
+    quaternion([Math.cos(angle / 2), ...axis.map((a) => a * Math.sin(angle / 2))]);
   const aboutZ = (angle) => about([0, 0, 1], angle);
 
   function attitude(numbers) { // a quaternion, scalar first, or R_z(psi) R_x(phi) R_y(theta)
@@ -59,7 +62,7 @@ const Scene3d = (() => {
   const stateOf = (ends, q, force = [], torque = []) =>
     ({ root: q.slice(0, ends[0]), joints: q.slice(...ends), modes: q.slice(ends[1]), force, torque });
 
-  // Positions of all bodies for root [m] and attitude, all joints [rad or m], modal coordinates times `scale`.
+  // Positions of all bodies for a state with joints [rad or m]; modal coordinates are taken times `scale`.
   function posed(truss, { root, joints, modes }, scale = 1) {
     const R = attitude(root.slice(3)), place = (v) => sum(root, turned(R, v));
     const points = truss.points.map((r, i) => place(sum(r, modal(truss.shapes[i], modes, scale))));
@@ -92,42 +95,37 @@ const Scene3d = (() => {
   // ---- parts: capsules are [one end, its radius, other end, its radius, roundness of the ends, colour] ---
 
   const cornersOf = ({ points, arms }) => [...points, ...arms.flatMap((arm) => arm.corners)];
-  const lengthsOf = (points) => points.slice(1).map((b, k) => Math.hypot(...sum(b, points[k], -1)));
   const ball = (place, radius, colour) => [place, radius, place, radius, 1, colour];
 
-  // Radii of rods, nodes and links that are visible beside the whole truss [m].
+  // Half of the size of the truss, and a radius of rods that is visible beside it [m].
   function radiiOf(truss) {
     const spans = [0, 1, 2].map((k) => truss.points.map((point) => point[k]));
     const half = spans.map((at) => (Math.max(...at) - Math.min(...at)) / 2);
     const rod = Math.min(0.05, Math.max(0.005, Math.max(...half) / 180));
-    const degree = truss.points.map(() => 0);
-    for (const pair of truss.rods) for (const end of pair) degree[end]++;
-    return { half, rod, nodes: truss.points.map((_, k) => k).filter((k) => degree[k] > 2) };
+    return { half, rod };
   }
 
-  function trussOf(truss, { points }, { rod, nodes }) {
-    return [
-      ...truss.rods.map(([a, b]) => [points[a], rod, points[b], rod, 0]),
-      ...nodes.map((k) => ball(points[k], 1.7 * rod)),
-    ];
-  }
+  const trussOf = (truss, { points }, { rod }) =>
+    truss.rods.map(([a, b]) => [points[a], rod, points[b], rod, 1]);
 
   function armOf(arm, { chain }, link) { // links have a colour of their own
-    const reach = lengthsOf(chain).reduce((a, b) => a + b, 0), radius = arm.solid.drawn ? 0.004 : 0.035 * reach;
-    const links = chain.slice(1).map((b, k) => [chain[k], radius, b, radius, 1, link]);
+    const pairs = chain.slice(1).map((b, k) => [chain[k], b]);
+    const reach = pairs.reduce((found, [a, b]) => found + Math.hypot(...sum(b, a, -1)), 0);
+    const radius = arm.solid.drawn ? 0.004 : 0.035 * reach;
+    const links = pairs.map(([a, b]) => [a, radius, b, radius, 1, link]);
     return arm.solid.drawn ? links : [...links, ...chain.slice(0, -1).map((at) => ball(at, 1.35 * radius))];
   }
 
   function edgesOf(corners) { // of a box, whose corners are numbered by the signs of z, y and x
-    const pairs = [1, 2, 4].flatMap((bit) => [0, 1, 2, 3, 4, 5, 6, 7].filter((k) => !(k & bit)).map((k) => [k, k | bit]));
-    return pairs.map(([a, b]) => [corners[a], 0.014, corners[b], 0.014, 1]);
+    const from = (bit) => EIGHT.filter((k) => !(k & bit)).map((k) => [corners[k], corners[k | bit]]);
+    return [1, 2, 4].flatMap(from).map(([a, b]) => [a, 0.014, b, 0.014, 1]);
   }
 
   function arrowOf(from, along, heads) { // one head for a force, two for a torque
     const size = Math.hypot(...along);
     if (!(size > 1e-3 * LONGEST)) return [];
-    const unit = along.map((a) => a / size), tip = sum(from, along), head = Math.min(size / (1 + heads), 0.34);
-    const thick = Math.min(0.035, head / 6), cones = [];
+    const unit = unitOf(along), tip = sum(from, along), cones = [];
+    const head = Math.min(size / (1 + heads), 0.34), thick = Math.min(0.035, head / 6);
     for (let k = heads - 1; k >= 0; k--)
       cones.push([sum(tip, unit, -head * (1 + 0.8 * k)), 2.6 * thick, sum(tip, unit, -0.8 * k * head), 0, 0]);
     return [[from, thick, cones[0][0], thick, 0], ...cones];
@@ -174,20 +172,21 @@ const Scene3d = (() => {
   ].map(([up, ...more]) => [Math.cos((up * Math.PI) / 2), Math.sin((up * Math.PI) / 2), ...more]);
 
   // Adds place, normal and colour of all corners, and triangles.
-  function addCapsule({ corners, triangles }, [a, first, b, last, roundness], tint) {
-    const along = sum(b, a, -1), size = Math.hypot(...along), axis = size > 1e-7 ? along.map((x) => x / size) : [0, 0, 1];
-    const across = cross(axis, Math.abs(axis[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0]), unit = Math.hypot(...across);
-    const side = across.map((x) => x / unit), other = cross(axis, side), slope = (first - last) / Math.max(size, 1e-7);
+  function addCapsule({ corners, triangles }, [a, first, b, last, round], tint) {
+    const along = sum(b, a, -1), size = Math.hypot(...along);
+    const axis = size > 1e-7 ? unitOf(along) : [0, 0, 1], slope = (first - last) / Math.max(size, 1e-7);
+    const across = cross(axis, Math.abs(axis[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0]);
+    const side = unitOf(across), other = cross(axis, side);
     ROWS.forEach(([out, up, end, ofSide], r) => {
       const place = end ? b : a, radius = end ? last : first;
       for (let s = 0; s <= SIDES; s++) {
-        const c = Math.cos((2 * Math.PI * s) / SIDES), d = Math.sin((2 * Math.PI * s) / SIDES), k = corners.length / 10;
-        const ring = [0, 1, 2].map((i) => c * side[i] + d * other[i]);
-        for (let i = 0; i < 3; i++) corners.push(place[i] + radius * (out * ring[i] + roundness * up * axis[i]));
-        for (let i = 0; i < 3; i++)
-          corners.push(ofSide ? ring[i] + slope * axis[i] : roundness ? out * ring[i] + up * axis[i] : (2 * end - 1) * axis[i]);
+        const turn = (2 * Math.PI * s) / SIDES, k = corners.length / 10, below = k - SIDES - 1;
+        const ring = [0, 1, 2].map((i) => Math.cos(turn) * side[i] + Math.sin(turn) * other[i]);
+        const cap = round ? [out, up] : [0, 2 * end - 1], [c, d] = ofSide ? [1, slope] : cap;
+        for (let i = 0; i < 3; i++) corners.push(place[i] + radius * (out * ring[i] + round * up * axis[i]));
+        for (let i = 0; i < 3; i++) corners.push(c * ring[i] + d * axis[i]);
         corners.push(...tint);
-        if (s && r && r !== 3 && r !== 5) triangles.push(k - SIDES - 2, k - SIDES - 1, k, k - SIDES - 2, k, k - 1);
+        if (s && r && r !== 3 && r !== 5) triangles.push(below - 1, below, k, below - 1, k, k - 1);
       }
     });
   }
@@ -196,27 +195,28 @@ const Scene3d = (() => {
 
   const product = (A, B) => Float32Array.from({ length: 16 }, (_, k) =>
     [0, 1, 2, 3].reduce((found, i) => found + A[(k % 4) + 4 * i] * B[(k - (k % 4)) + i], 0));
-  const seenFrom = ([right, up, back], eye) => [
-    ...[0, 1, 2].flatMap((k) => [right[k], up[k], back[k], 0]), -dot(right, eye), -dot(up, eye), -dot(back, eye), 1];
+  const seenFrom = (axes, eye) =>
+    [[1, 0, 0], [0, 1, 0], [0, 0, 1], eye.map((a) => -a)].flatMap((v, k) =>
+      [...axes.map((axis) => dot(axis, v)), +(k > 2)]);
   const axesOf = (azimuth, elevation) => {
     const c = Math.cos(elevation), back = [c * Math.cos(azimuth), c * Math.sin(azimuth), Math.sin(elevation)];
     const right = [-Math.sin(azimuth), Math.cos(azimuth), 0];
     return [right, cross(back, right), back];
   };
-  const numbers = (colour, alpha = 1) => [...[1, 3, 5].map((k) => parseInt(colour.slice(k, k + 2), 16) / 255), alpha];
+  const numbers = (colour, alpha = 1) =>
+    [...[1, 3, 5].map((k) => parseInt(colour.slice(k, k + 2), 16) / 255), alpha];
 
   class Scene {
-    // `runs` have a name and a truss, `states` their first state (see `posed`; with force and torque of the bases);
-    // `cloud` are poses that the picture shows, `paths` those of the roots, `longest` the largest force and torque.
-    constructor(element, runs, states, { target, cloud = [], paths = [], longest = {}, camera = "oblique" }) {
-      this.element = element;
-      this.canvas = element.appendChild(document.createElement("canvas"));
-      element.style.position = "relative";
+    // `runs` have a name and a truss, `states` their first state, with force and torque of the bases; `cloud`
+    // are poses that the picture shows, `paths` those of the roots, `longest` the largest force and torque.
+    constructor(box, runs, states, { target, cloud = [], paths = [], longest = {}, camera = "oblique" }) {
+      this.element = box;
+      this.canvas = box.appendChild(element("canvas"));
+      box.style.position = "relative";
       this.canvas.style.cssText = "position:absolute;inset:0;width:100%;height:100%;touch-action:pinch-zoom";
       this.gl = this.canvas.getContext("webgl2", { antialias: true });
       if (!this.gl) throw new Error("the browser has no WebGL 2; allow hardware or software rendering");
-      Object.assign(this, { runs, paths, longest, scale: 1, followed: "nothing", hidden: new Set(), zoom: 1 });
-      this.moved = [0, 0, 0]; // of the camera's target, by the reader [m]
+      Object.assign(this, { runs, paths, longest, states, scale: 1, followed: "nothing", hidden: new Set() });
       this.sizes = runs.map(({ truss }) => radiiOf(truss));
       this.goal = target && posed(runs[0].truss, target, 0);
       this.half = this.sizes[0].half.map((a) => a + 2 * MARGIN);
@@ -225,7 +225,8 @@ const Scene3d = (() => {
       this.cloud = corners.filter(near);
       this.lost = this.cloud.length < corners.length;
       const extent = ([low, high], value) => [Math.min(low, value), Math.max(high, value)];
-      this.bounds = [0, 1, 2].map((k) => this.cloud.map((point) => point[k]).reduce(extent, [Infinity, -Infinity]));
+      this.bounds = [0, 1, 2].map((k) =>
+        this.cloud.map((point) => point[k]).reduce(extent, [Infinity, -Infinity]));
       const theme = matchMedia("(prefers-color-scheme: dark)");
       this.dark = theme.matches;
       theme.addEventListener("change", () => {
@@ -233,14 +234,12 @@ const Scene3d = (() => {
         this.draw();
       });
       this.prepare();
-      this.states = states;
       this.look(camera);
       this.listen();
     }
 
     get far() { // whether the motion is too long for a picture of all of it
-      const size = Math.max(...this.half);
-      return this.lost || this.bounds.some(([low, high]) => !(high - low < FAR * 2 * size));
+      return this.lost || this.bounds.some(([low, high]) => !(high - low < FAR * Math.max(...this.half)));
     }
 
     prepare() {
@@ -273,9 +272,12 @@ const Scene3d = (() => {
         if (!event.buttons) return;
         const { movementX: x, movementY: y } = event, [azimuth, elevation] = this.angles;
         if (event.buttons > 1 || event.shiftKey) {
-          const [right, up] = axesOf(...this.angles), unit = (this.distance * 2 * Math.tan(VIEW / 2)) / canvas.clientHeight;
-          this.moved = sum(sum(this.moved, right, -x * unit), up, y * unit);
-        } else this.angles = [azimuth - 0.008 * x, Math.min(Math.PI / 2, Math.max(-Math.PI / 2, elevation + 0.008 * y))];
+          const unit = (this.distance * 2 * Math.tan(VIEW / 2)) / canvas.clientHeight;
+          this.moved = sum(sum(this.moved, this.axes[0], -x * unit), this.axes[1], y * unit);
+        } else {
+          const up = Math.max(-Math.PI / 2, elevation + 0.008 * y);
+          this.angles = [azimuth - 0.008 * x, Math.min(Math.PI / 2, up)];
+        }
         this.redraw();
       };
       canvas.onwheel = (event) => {
@@ -307,14 +309,16 @@ const Scene3d = (() => {
       this.draw();
     }
 
-    // All parts by name: capsules, or corners and triangles; `layer` 0 is opaque, higher ones are transparent.
+    // All parts by name: capsules, or corners and triangles; layers above 0 are transparent.
     parts() {
       const parts = [], { ghost, path: trail, link } = THEMES[+this.dark], several = this.runs.length > 1;
       const part = (name, colour, capsules, more = {}) =>
         parts.push({ name, legend: name, colour, alpha: 1, layer: 0, capsules, faces: [], ...more });
       this.runs.forEach(({ name, truss }, number) => {
-        const pose = this.poses[number], state = this.states[number], look = number ? { alpha: 0.45, layer: 3 } : {};
-        part(`truss${several ? `, ${name}` : ""}`, RODS[number][+this.dark], trussOf(truss, pose, this.sizes[number]), look);
+        const pose = this.poses[number], state = this.states[number], size = this.sizes[number];
+        const look = number ? { alpha: 0.45, layer: 3 } : {};
+        const title = several ? `truss, ${name}` : "truss";
+        part(title, RODS[number][+this.dark], trussOf(truss, pose, size), look);
         truss.arms.forEach((arm, k) => {
           const robot = `robot ${k + 1}`, colour = COLOURS[k % COLOURS.length], { corners } = pose.arms[k];
           part(robot, colour, armOf(arm, pose.arms[k], link), look);
@@ -331,14 +335,16 @@ const Scene3d = (() => {
           });
           part(`${what}, at most ${quantity(this.longest[key], unit)}`, colour, each.flat(), look);
         }
-        const path = this.paths[number] ?? [], radius = 0.6 * this.sizes[number].rod;
-        part("path of the root", number ? RODS[1][0] : trail, path.slice(1).map((b, k) => [path[k], radius, b, radius, 1]));
+        const path = this.paths[number] ?? [], radius = 0.6 * size.rod;
+        const pieces = path.slice(1).map((b, k) => [path[k], radius, b, radius, 1]);
+        part("path of the root", number ? RODS[1][0] : trail, pieces);
       });
       if (this.goal) {
         const { truss } = this.runs[0], look = { alpha: this.dark ? 0.5 : 0.3, layer: 2 };
         part("target", ghost, trussOf(truss, this.goal, this.sizes[0]), look);
         truss.arms.forEach((arm, k) => {
-          const pose = this.goal.arms[k], { drawn, faces } = arm.solid, mesh = drawn ? { corners: pose.corners, faces } : {};
+          const pose = this.goal.arms[k], { drawn, faces } = arm.solid;
+          const mesh = drawn ? { corners: pose.corners, faces } : {};
           const lines = drawn ? [] : [...armOf(arm, pose), ...edgesOf(pose.corners)];
           part(`target of robot ${k + 1}`, ghost, lines, { ...look, ...mesh, legend: "target" });
         });
@@ -352,7 +358,7 @@ const Scene3d = (() => {
     legend() { // names and colours in the order of their first part
       const found = new Map();
       for (const { legend, colour, capsules } of this.parts())
-        if (!found.has(legend) && (capsules.length || legend !== "path of the root")) found.set(legend, colour);
+        if (capsules.length || legend !== "path of the root") found.set(legend, found.get(legend) ?? colour);
       return [...found];
     }
 
@@ -369,7 +375,7 @@ const Scene3d = (() => {
       const centre = mean(truss ? points : arms[Number(this.followed)].chain);
       if (near(centre)) this.seen = centre;
       const half = truss ? this.half : [CLOSE, CLOSE, CLOSE];
-      return [this.seen ?? middle, [0, 1, 2, 3, 4, 5, 6, 7].map((k) => half.map((a, axis) => (k & (1 << axis) ? a : -a)))];
+      return [this.seen ?? middle, EIGHT.map((k) => half.map((a, axis) => (k & (1 << axis) ? a : -a)))];
     }
 
     // Coordinates on the screen are relative to the target of the camera: single precision suffices far away.
@@ -401,17 +407,20 @@ const Scene3d = (() => {
       return [...layers, [triangles.length - 6, 6]];
     }
 
-    // Camera and light for a picture of this shape; matrices map positions relative to the target to the screen.
+    // Camera and light for a picture of this shape; matrices map positions relative to the target.
     aim(shape) {
       const [centre, offsets] = this.around(), axes = axesOf(...this.angles);
       const tangents = [shape * Math.tan(VIEW / 2), Math.tan(VIEW / 2)];
       let fit = 0, size = MARGIN; // distance from which all points are visible, and the radius around them
       for (const offset of offsets) {
         const z = dot(axes[2], offset);
-        for (const i of [0, 1]) fit = Math.max(fit, z + (Math.abs(dot(axes[i], offset)) + MARGIN) / tangents[i]);
+        tangents.forEach((tangent, i) => {
+          fit = Math.max(fit, z + (Math.abs(dot(axes[i], offset)) + MARGIN) / tangent);
+        });
         size = Math.max(size, Math.hypot(...offset));
       }
-      Object.assign(this, { axes, target: sum(centre, this.moved), distance: fit * this.zoom, reach: 4 * size });
+      const target = sum(centre, this.moved), distance = fit * this.zoom;
+      Object.assign(this, { axes, target, distance, reach: 4 * size });
       this.floor = Math.max(this.bounds[2][0] - MARGIN, centre[2] - 3 * size);
       this.cell = 10 ** Math.max(0, Math.round(Math.log10(size / 12)));
       this.eye = axes[2].map((a) => a * this.distance);
@@ -432,14 +441,15 @@ const Scene3d = (() => {
       gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_INT, 4 * start);
     }
 
-    draw(width = this.element.clientWidth, height = this.element.clientHeight, density = Math.min(2, devicePixelRatio)) {
+    draw(width = this.element.clientWidth, height = this.element.clientHeight, density = 0) {
       if (!(width && height)) return;
       const { gl, canvas, uniform } = this, { grid, back } = THEMES[+this.dark];
-      [canvas.width, canvas.height] = [width, height].map((side) => Math.round(side * density));
+      const scale = density || Math.min(2, devicePixelRatio);
+      [canvas.width, canvas.height] = [width, height].map((side) => Math.round(side * scale));
       this.aim(width / height);
       const layers = this.upload(this.parts(), this.target), ground = layers.pop();
-      const vectors = { light: SUN, eye: this.eye, grid: numbers(grid).slice(0, 3), back: numbers(back).slice(0, 3) };
-      for (const [name, value] of Object.entries(vectors)) gl.uniform3fv(uniform(name), value);
+      const vectors = { light: SUN, eye: this.eye, grid: numbers(grid), back: numbers(back) };
+      for (const [name, value] of Object.entries(vectors)) gl.uniform3fv(uniform(name), value.slice(0, 3));
       gl.uniform2fv(uniform("origin"), [0, 1].map((k) => this.target[k] % (5 * this.cell)));
       gl.uniform1f(uniform("reach"), this.reach);
       gl.uniform1f(uniform("size"), this.cell);
@@ -452,7 +462,7 @@ const Scene3d = (() => {
       gl.enable(gl.BLEND);
       this.paint(ground, GROUND);
       gl.depthMask(true);
-      for (const layer of layers) { // first the depths alone, so that only the nearest surface is blended
+      for (const layer of layers) { // first the depths, so that only the nearest surface is blended
         gl.colorMask(false, false, false, false);
         this.paint(layer, BODY);
         gl.colorMask(true, true, true, true);
@@ -463,7 +473,7 @@ const Scene3d = (() => {
     // Picture of so many pixels as a data URL, with a caption.
     picture(width, height, caption) {
       this.draw(width, height, 1);
-      const whole = Object.assign(document.createElement("canvas"), { width, height }), context = whole.getContext("2d");
+      const whole = Object.assign(element("canvas"), { width, height }), context = whole.getContext("2d");
       context.drawImage(this.canvas, 0, 0);
       context.font = "12px system-ui, sans-serif";
       context.fillStyle = THEMES[+this.dark].path;
@@ -472,16 +482,15 @@ const Scene3d = (() => {
     }
   }
 
-  // Panel of a page that simulates. `names` are the signals of coordinates, forces and torques; `ends` those of the
-  // root and of the joints in the coordinates.
+  // Panel of a page that simulates. `names` are the signals of coordinates, forces and torques.
   function panel({ truss, names, ends, start, target }) {
     const longest = { force: 0, torque: 0 };
     let scene;
     return {
-      mount(element) {
-        element.style.height = "26rem";
+      mount(box) {
+        box.style.height = "26rem";
         const options = { target: target && stateOf(ends, target), longest };
-        scene = new Scene(element, [{ name: "run", truss }], [stateOf(ends, start)], options);
+        scene = new Scene(box, [{ name: "run", truss }], [stateOf(ends, start)], options);
         scene.followed = "truss";
       },
       update(_, signals) {
