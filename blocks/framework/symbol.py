@@ -81,9 +81,7 @@ class Symbol:
         )
         values = set(re.findall(r"\b[\d.]+|∞", caption))
         return replace(
-            self,
-            text=text,
-            caption="" if values and values <= {"0", "∞"} else caption,
+            self, text=text, caption="" if values and values <= {"0", "∞"} else caption
         )
 
 

@@ -235,7 +235,9 @@ def _expression(function: Callable[..., Any]) -> str:
     for node in nodes:
         if isinstance(node, ast.Lambda):
             line, body = node.lineno, node.body
-        elif isinstance(node, ast.FunctionDef) and isinstance(node.body[-1], ast.Return):
+        elif isinstance(node, ast.FunctionDef) and isinstance(
+            node.body[-1], ast.Return
+        ):
             has_text = ast.get_docstring(node) is not None
             line = min(each.lineno for each in (node, *node.decorator_list))
             body = node.body[-1].value if len(node.body) == 1 + has_text else None

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from trussflow.blocks.support.types import Vector
 
+
 class Packer:
     """Packer of arrays into one blob of bytes.
 

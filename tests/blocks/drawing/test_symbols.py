@@ -96,8 +96,8 @@ def one_line(u):
 
 
 def two_lines(u):
-    u = 2.0 * u
-    return u
+    double = 2.0 * u
+    return double + u
 
 
 @pytest.mark.parametrize(

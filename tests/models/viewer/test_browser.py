@@ -449,7 +449,8 @@ def test_a_panel_shows_the_state_that_it_is_given(opened, truss, run, tmp_path):
     """Its positions are those of the page of the run; it needs no log, and only charts of the page."""
     panel = scene_panel(truss, target=run.attrs["target"])
     chart = package_text("chart.js", "trussflow.blocks.live")
-    text = f"<p>Panel<div id=here></div><script>{chart}window.trussflowPanels = [];</script><script>{panel.script}</script>"
+    scripts = f"{chart}window.trussflowPanels = [];</script><script>{panel.script}"
+    text = f"<p>Panel<div id=here></div><script>{scripts}</script>"
     (tmp_path / "panel.html").write_text(
         f"<!DOCTYPE html><meta charset=utf-8><body data-state=ready>{text}",
         encoding="utf-8",
