@@ -225,29 +225,28 @@ def _described(function: Callable[..., Any]) -> str:
 
 def _expression(function: Callable[..., Any]) -> str:
     """Return the expression of a lambda, or of a function of one line; empty if it has another form."""
-    code = getattr(function, "__code__", None)
-    lines = linecache.getlines(code.co_filename) if code else []
+    code, found = getattr(function, "__code__", None), list[str]()
+    if code is None:
+        return ""
     try:
-        nodes = [*ast.walk(ast.parse("".join(lines)))]
+        tree = ast.parse("".join(linecache.getlines(code.co_filename)))
     except SyntaxError:
         return ""
-    found = []
-    for node in nodes:
+    body: ast.expr | None
+    for node in ast.walk(tree):
         if isinstance(node, ast.Lambda):
             line, body = node.lineno, node.body
-        elif isinstance(node, ast.FunctionDef) and isinstance(
-            node.body[-1], ast.Return
-        ):
-            has_text = ast.get_docstring(node) is not None
-            line = min(each.lineno for each in (node, *node.decorator_list))
-            body = node.body[-1].value if len(node.body) == 1 + has_text else None
+        elif isinstance(node, ast.FunctionDef):
+            last, has_text = node.body[-1], ast.get_docstring(node) is not None
+            line = min([node.lineno, *(each.lineno for each in node.decorator_list)])
+            is_one = isinstance(last, ast.Return) and len(node.body) == 1 + has_text
+            body = getattr(last, "value", None) if is_one else None
         else:
             continue
-        if body is not None and code and line == code.co_firstlineno:
+        if body is not None and line == code.co_firstlineno:
             found.append(ast.unparse(body))
-    if len(found) != 1:
-        return ""
-    text = found[0].replace("np.", "").replace("-", "−").replace(" * ", " ")
+    text = found[0] if len(found) == 1 else ""
+    text = text.replace("np.", "").replace("-", "−").replace(" * ", " ")
     return re.sub(r" \*\* (\w+)", r"^(\1)", text)
 
 
