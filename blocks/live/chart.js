@@ -29,6 +29,8 @@ function quantity(value, unit = "") {
   return size >= 1e-3 && size < 1e5 ? `${text(value)} ${unit}`.trim() : `${text(value * factor)}·${shown}`;
 }
 
+const signed = (number) => String(number).replace("-", "−");
+
 /** Return round numbers between two ends. */
 function ticks(low, high, most) {
   const raw = (high - low) / most, power = 10 ** Math.floor(Math.log10(raw));
@@ -312,7 +314,7 @@ class Chart {
       const py = Math.round(y(tick / factor)) + 0.5;
       g.moveTo(58, py);
       g.lineTo(width - 12, py);
-      g.fillText(String(tick), 53, py);
+      g.fillText(signed(tick), 53, py);
     }
     g.textAlign = "center";
     g.textBaseline = "top";
@@ -321,7 +323,7 @@ class Chart {
       const px = Math.round(this.place(tick)) + 0.5;
       g.moveTo(px, 6);
       g.lineTo(px, bottom);
-      g.fillText(String(Number(tick.toPrecision(6))), px, bottom + 4);
+      g.fillText(signed(Number(tick.toPrecision(6))), px, bottom + 4);
     }
     g.stroke();
     g.fillText(`${view.label} [${view.unit}]`, 58 + (width - 70) / 2, bottom + 19);
