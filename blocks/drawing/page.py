@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
 from html import escape
-from string import Template
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +11,7 @@ from trussflow.blocks.drawing.svg import svg_of
 from trussflow.blocks.errors import DiagramError
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.results.conversions import signals_of
-from trussflow.blocks.support.texts import package_text, script_json
+from trussflow.blocks.support.texts import page_text, script_json
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -57,10 +55,9 @@ def page_of(diagram: Diagram, picture: str, result: xr.Dataset | None = None) ->
             rows = values.to_numpy().reshape(count, -1)[:, :MAX_LINES].T
             unit = values.attrs.get("units", "")
             data["signals"][path] = {"unit": unit, "lines": [*map(_numbers, rows)]}
-    text = partial(package_text, package="trussflow.blocks")
-    return Template(text("drawing/page.html")).substitute(
-        title=escape(diagram.name),
-        style=text("live/base.css"),
+    return page_text(
+        "trussflow.blocks.drawing",
+        diagram.name,
         picture=picture,
         groups="".join(
             f'<div data-path="{escape(each.path)}">{svg_of(each)}</div>'
@@ -68,7 +65,6 @@ def page_of(diagram: Diagram, picture: str, result: xr.Dataset | None = None) ->
             if isinstance(each, Diagram)
         ),
         data=script_json(data),
-        script=text("live/chart.js") + text("drawing/page.js"),
     )
 
 

@@ -8,9 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
-from html import escape
 from pathlib import Path
-from string import Template
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -33,7 +31,7 @@ from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.solver import FIXED_STEP, Solver
 from trussflow.blocks.simulation.step_size_warnings import warn_of_missed_jumps
 from trussflow.blocks.support.files import replaced
-from trussflow.blocks.support.texts import package_text, script_json
+from trussflow.blocks.support.texts import package_text, page_text, script_json
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import as_path, positive, positive_if_given
 from trussflow.blocks.tracing.codegen import c_sources, content
@@ -306,10 +304,11 @@ def html(page: Contents, module: bytes | None) -> str:
         The WebAssembly module; without it, a server computes the runs.
     """
     text = partial(package_text, package="trussflow.blocks.live")
-    return Template(text("page.html")).substitute(
-        title=escape(page.data["name"]),
+    engine = text("linear.js") + text("worker.js") if module else text("served.js")
+    return page_text(
+        "trussflow.blocks.live",
+        page.data["name"],
         connect="" if module else "connect-src 'self'",
-        style=text("base.css") + text("page.css"),
         # A script ends at "</script", also in a string.
         panels="".join(
             f"<script>{panel.script.replace('</', '<' + chr(92) + '/')}</script>\n"
@@ -317,9 +316,7 @@ def html(page: Contents, module: bytes | None) -> str:
         ),
         data=script_json(page.data),
         module=base64.b64encode(zlib.compress(module or b"", 9)).decode(),
-        worker=(text("linear.js") + text("worker.js") if module else text("served.js"))
-        + text("queue.js"),
-        script=text("chart.js") + text("page.js"),
+        worker=engine + text("queue.js"),
     )
 
 

@@ -5,17 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from html import escape, unescape
 from pathlib import Path
-from string import Template
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.support.files import replaced
-from trussflow.blocks.support.texts import package_text, script_json
+from trussflow.blocks.support.texts import package_text, page_text, script_json
 from trussflow.models.errors import ModelError
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.viewer.motion import Motion, opened
@@ -37,8 +35,6 @@ SHOWN = (
 )
 """Signals of the initial charts, if logged."""
 INITIAL_CHARTS = 4
-CHARTS = "trussflow.blocks.live"
-"""Package with the chart of pages."""
 MAX_PAGE_BYTES = 4_000_000
 """Largest size of a page [byte]."""
 NO_ROOM = 1e-9
@@ -193,12 +189,11 @@ def _note(runs: list[dict[str, Any]]) -> str:
 def _text(
     title: str, head: dict[str, Any], packer: Packer, sections: Sequence[Section]
 ) -> str:
-    text = partial(package_text, package="trussflow.models.viewer")
-    return Template(text("page.html")).substitute(
-        title=escape(title),
+    return page_text(
+        "trussflow.models.viewer",
+        title,
         note=escape(_note(head["runs"])),
-        style=package_text("base.css", CHARTS) + text("page.css"),
-        script=package_text("chart.js", CHARTS) + text("scene3d.js") + text("page.js"),
+        scene=package_text("scene3d.js", "trussflow.models.viewer"),
         sections="".join(
             f"<section><h2>{escape(s.title)}</h2>{s.content}</section>\n"
             for s in sections

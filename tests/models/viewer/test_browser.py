@@ -448,7 +448,7 @@ def test_a_still_picture_shows_its_instant(opened, page_file, tmp_path):
 def test_a_panel_shows_the_state_that_it_is_given(opened, truss, run, tmp_path):
     """Its positions are those of the page of the run; it needs no log, and only charts of the page."""
     panel = scene_panel(truss, target=run.attrs["target"])
-    chart = package_text("chart.js", "trussflow.blocks.live")
+    chart = package_text("chart.js", "trussflow.blocks.support")
     scripts = f"{chart}window.trussflowPanels = [];</script><script>{panel.script}"
     text = f"<p>Panel<div id=here></div><script>{scripts}</script>"
     (tmp_path / "panel.html").write_text(
