@@ -10,8 +10,9 @@ import numpy as np
 from trussflow.blocks.drawing.svg import svg_of
 from trussflow.blocks.errors import DiagramError
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.results.conversions import signals_of
+from trussflow.blocks.framework.units import distinct
 from trussflow.blocks.support.texts import page_text, script_json
+from trussflow.blocks.support.validation import shown
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -34,26 +35,27 @@ def page_of(diagram: Diagram, picture: str, result: xr.Dataset | None = None) ->
 
     Raises
     ------
-    SimulationError
-        If the result is none.
     DiagramError
-        If the result has no signal of the diagram.
+        If the result is none, or has no signal of the diagram.
     """
     data: dict[str, Any] = {"time": [], "signals": {}}
     if result is not None:
-        found = signals_of(result, "draw")
+        if not hasattr(result, "data_vars"):
+            raise DiagramError(
+                f"cannot draw diagram '{diagram.name}' with {shown(result)}: it is no result of a run"
+            )
         ports = {port.path for block in diagram.within() for port in block.outputs()}
-        if not (paths := sorted(ports & {*map(str, found)})):
+        if not (paths := sorted(ports & {*map(str, result)})):
             raise DiagramError(
                 f"the result has no signal of diagram '{diagram.name}'; give the result of its own run"
             )
-        count = min(MAX_INSTANTS, found.sizes["time"])
-        instants = np.linspace(0, found.sizes["time"] - 1, count).round().astype(int)
-        shown = found[paths].isel(time=instants)
-        data["time"] = _numbers(shown["time"].to_numpy())
-        for path, values in shown.items():
+        count = min(MAX_INSTANTS, result.sizes["time"])
+        instants = np.linspace(0, result.sizes["time"] - 1, count).round().astype(int)
+        thinned = result[paths].isel(time=instants)
+        data["time"] = _numbers(thinned["time"].to_numpy())
+        for path, values in thinned.items():
             rows = values.to_numpy().reshape(count, -1)[:, :MAX_LINES].T
-            unit = values.attrs.get("units", "")
+            unit = distinct(values.attrs.get("units", ""))
             data["signals"][path] = {"unit": unit, "lines": [*map(_numbers, rows)]}
     return page_text(
         "trussflow.blocks.drawing",

@@ -60,6 +60,11 @@ def readable(unit: str) -> str:
     return unit
 
 
+def distinct(units: str) -> str:
+    """Return each unit of a list once, in typographic form: ``"m, m, N*m"`` becomes ``"m, N·m"``."""
+    return ", ".join(dict.fromkeys(readable(units).split(", ")))
+
+
 @cache
 def _registry() -> pint.UnitRegistry[float]:
     """Return the registry; pint is imported only when two unit strings differ."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trussflow.blocks.errors import NameLookupError, SimulationError
-from trussflow.blocks.framework.units import readable
+from trussflow.blocks.framework.units import distinct
 from trussflow.blocks.support.validation import shown
 
 if TYPE_CHECKING:
@@ -134,8 +134,7 @@ def plot(result: xr.Dataset, *names: str) -> Figure:
         FigureClass=NotebookFigure,
     )
     for axes, (unit, group) in zip(rows[:, 0], groups.items(), strict=False):
-        units = ", ".join(dict.fromkeys(readable(unit).split(", ")))  # each once
         to_pandas(result[group]).plot(
-            ax=axes, xlabel="time [s]", ylabel=f"[{units}]" if unit else ""
+            ax=axes, xlabel="time [s]", ylabel=f"[{distinct(unit)}]" if unit else ""
         )
     return figure

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.framework.units import readable
+from trussflow.blocks.framework.units import distinct
 from trussflow.blocks.support.files import reading
 from trussflow.blocks.support.types import Vector
 from trussflow.models.errors import ModelError
@@ -208,7 +208,7 @@ class Motion:
             "signals": [
                 {
                     "name": name,
-                    "units": _units(variable),
+                    "units": distinct(str(variable.attrs.get("units") or "")),
                     "components": _components(variable),
                     "inner": variable.shape[2] if variable.ndim > 2 else 1,
                     "values": packer.pack(
@@ -231,11 +231,6 @@ class Motion:
                 np.searchsorted(self.time, wanted - 1e-6 * spacing), len(self.time) - 1
             )
         )
-
-
-def _units(variable: xr.DataArray) -> str:
-    units = str(variable.attrs.get("units") or "")
-    return ", ".join(dict.fromkeys(readable(units).split(", ")))
 
 
 def _components(variable: xr.DataArray) -> list[str]:

@@ -19,7 +19,7 @@ from trussflow.blocks import (
     simulate,
 )
 from trussflow.blocks.drawing import scene
-from trussflow.blocks.errors import DiagramError, SimulationError
+from trussflow.blocks.errors import DiagramError
 
 HOSTILE = '</script><script>alert("1")</script><b title="'
 
@@ -102,7 +102,7 @@ def test_page_is_one_file_without_network_and_escapes_names(tmp_path):
 def test_result_of_another_diagram_is_refused(tmp_path, result):
     other = Diagram("other")
     no_page = r"with a result: only a page shows one; name a file \.html"
-    with pytest.raises(SimulationError, match="cannot draw 5: it is no result"):
+    with pytest.raises(DiagramError, match="'other' with 5: it is no result of a run"):
         other.draw(tmp_path / "page.html", result=5)
     for path, fault in (
         (tmp_path / "page.html", "no signal of diagram 'other'; give the result"),
