@@ -38,6 +38,9 @@ CURVE_SIZE = 36.0, 24.0
 SYMBOL_MARGIN = 5.0
 """Margin around a symbol [px]."""
 
+MAX_INNER_WIDTH = 110.0
+"""Largest width of a text next to names of ports [px]; a wider one is below the block."""
+
 MAX_NAME_LENGTH = 28
 """Largest number of letters of a name; the tooltip has the complete name."""
 
@@ -208,7 +211,12 @@ def shown_rows(
 def figure_of(block: Block, symbol: Symbol, sides: list[list[Row]]) -> Figure:
     """Return the figure of a `block` with this `symbol` and these rows on both `sides`, without pins."""
     hidden = len(block.ports) - len({row.port.name for side in sides for row in side})
-    captions = [symbol.caption] * bool(symbol.caption)
+    wide = max(map(breadth, symbol.text.split("\n"))) > MAX_INNER_WIDTH
+    if min(map(len, sides)) > 1 or (wide and max(map(len, sides)) > 1):
+        # Between the names of ports, the text would make the block too wide.
+        caption = f"{symbol.text}\n{symbol.caption}"
+        symbol = replace(symbol, text="", caption=caption)
+    captions = list(filter(None, symbol.caption.split("\n")))
     captions += [f"{hidden} more ports"] * bool(hidden)
     # Port arithmetic makes names such as multiply_1.
     own = block.function.__name__ if isinstance(block, Operation) else "sum"
