@@ -232,18 +232,16 @@ def _expression(function: Callable[..., Any]) -> str:
         tree = ast.parse("".join(linecache.getlines(code.co_filename)))
     except SyntaxError:
         return ""
-    body: ast.expr | None
     for node in ast.walk(tree):
+        body: ast.expr | None = None
         if isinstance(node, ast.Lambda):
-            line, body = node.lineno, node.body
+            lines, body = [node.lineno], node.body
         elif isinstance(node, ast.FunctionDef):
-            last, has_text = node.body[-1], ast.get_docstring(node) is not None
-            line = min([node.lineno, *(each.lineno for each in node.decorator_list)])
-            is_one = isinstance(last, ast.Return) and len(node.body) == 1 + has_text
-            body = getattr(last, "value", None) if is_one else None
-        else:
-            continue
-        if body is not None and line == code.co_firstlineno:
+            lines = [node.lineno, *(each.lineno for each in node.decorator_list)]
+            rest = node.body[ast.get_docstring(node) is not None :]
+            if len(rest) == 1 and isinstance(rest[0], ast.Return):
+                body = rest[0].value
+        if body is not None and code.co_firstlineno in lines:
             found.append(ast.unparse(body))
     text = found[0] if len(found) == 1 else ""
     text = text.replace("np.", "").replace("-", "−").replace(" * ", " ")
