@@ -157,7 +157,8 @@ function listen(page) {
 
 async function begin() {
   const blob = await inflated("blob"), asked = new URLSearchParams(location.hash.slice(1));
-  const head = JSON.parse($("head").textContent, (_, value) => (value?.width ? unpacked(blob, value) : value));
+  const array = (_, value) => (value?.width ? unpacked(blob, value) : value);
+  const head = JSON.parse($("head").textContent, array);
   const cameras = Object.keys(Scene3d.CAMERAS), camera = asked.get("camera") ?? "oblique";
   if (asked.has("still")) { // a picture of so many pixels height, and nothing else
     document.body.className = "still";
