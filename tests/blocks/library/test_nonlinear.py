@@ -80,7 +80,7 @@ def test_rate_limiter_passes_slow_signals(respond):
 def test_quantizer_errs_by_half_a_quantum(u, previous, quantum, evaluate):
     states = {"previous": previous * quantum}
     y = evaluate(Quantizer(quantum, 0.1), states=states, u=u)["y"]
-    assert np.abs(y - u).max() <= quantum / 2 * (1 + 1e-12)
+    assert_near(y, u, quantum / 2 * (1 + 1e-12))
     assert_near(y / quantum, np.rint(y / quantum), 1e-9)
 
 

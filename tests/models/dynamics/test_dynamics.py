@@ -5,6 +5,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from systems import assert_near, relative_error
 
 from trussflow.blocks.tracing.kernels import symbol, to_expression, tracing
@@ -54,7 +55,7 @@ def test_equal_arms_share_one_kernel(modes, random_state):
     assert system.groups == ((0, 2), (1, 3))
     trace = assert_traced_equals_computed(system, *random_state(system))
     assert [call.inputs.size2() for call in trace] == [2, 2]
-    assert np.array_equal(
+    assert_array_equal(
         system.rest,
         np.concatenate(
             [np.zeros(6), *(2 * [a.rest_angles, b.rest_angles]), np.zeros(6)]

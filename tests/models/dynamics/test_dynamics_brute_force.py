@@ -10,7 +10,7 @@ eigenvectors of its 4×4 pseudo-inertia.
 
 import numpy as np
 import pytest
-from systems import jacobian, relative_error
+from systems import assert_near, jacobian, relative_error
 
 # Of each element in its own scale, the square root of the mass matrix's diagonal. Sixth-order
 # differences over the step below leave 1e-13 to 1e-11 of truncation and round-off.
@@ -204,8 +204,5 @@ def test_base_frames_are_where_the_chain_leads(consistent, random_state):
     q[:6] = 0.0
     bases = [(np.real(r), np.real(p)) for r, p, _, k in frames(consistent, q) if k < 0]
     terms = consistent.evaluate(q, v)
-    assert np.max(np.abs(terms.base_positions - [p for _, p in bases])) < ROUND_OFF
-    assert (
-        np.max(np.abs(np.array(terms.base_rotations) - [r for r, _ in bases]))
-        < ROUND_OFF
-    )
+    assert_near(terms.base_positions, [p for _, p in bases], ROUND_OFF)
+    assert_near(np.array(terms.base_rotations), [r for r, _ in bases], ROUND_OFF)

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from systems import actuator_limits, respond
+from systems import actuator_limits, assert_near, respond
 
 from trussflow.blocks import Diagram, simulate
 from trussflow.models import Hardware, ModelError, SpaceTruss
@@ -131,16 +131,15 @@ def test_quaternions_lead_beyond_euler_angles():
     motion, step = at(found, times), times[1]
     position, velocity, acceleration = motion
     turns = position[:, 3:7]
-    assert np.abs(np.linalg.norm(turns, axis=1) - 1.0).max() < 1e-14
+    assert_near(np.linalg.norm(turns, axis=1), 1.0, 1e-14)
     turned = np.array([QUATERNION.difference(*pair) for pair in pairwise(turns)]) / step
     mean, change = (
         (velocity[1:] + velocity[:-1]) / 2.0,
         np.diff(velocity, axis=0) / step,
     )
-    assert np.abs(turned - mean[:, 3:6]).max() < 1e-3 * np.abs(velocity[:, 3:6]).max()
-    assert (
-        np.abs(change - (acceleration[1:] + acceleration[:-1]) / 2.0).max()
-        < 0.1 * np.abs(change).max()
+    assert_near(turned, mean[:, 3:6], 1e-3 * np.abs(velocity[:, 3:6]).max())
+    assert_near(
+        change, (acceleration[1:] + acceleration[:-1]) / 2.0, 0.1 * np.abs(change).max()
     )
     assert (
         max(actuator_shares(TURNING.dynamics, [each[50:-1:50] for each in motion]))
@@ -176,7 +175,7 @@ def test_the_motion_passes_the_waypoints_from_rest_to_rest():
     integral = position[0] + np.cumsum(
         0.01 * (velocity[:-1] + velocity[1:]) / 2.0, axis=0
     )
-    assert np.max(np.abs(integral - position[1:])) < 1e-4
+    assert_near(integral, position[1:], 1e-4)
 
 
 def test_topp_ra_finds_the_same_duration():

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from systems import assert_near
 
 from trussflow.models import EULER, QUATERNION, ModelError, SpaceTruss
 from trussflow.models.geometry.rotation import cross_matrix
@@ -24,10 +25,7 @@ def scipy_of(a):
 def test_rotation_does_not_depend_on_the_length():
     a = attitude()
     for length in (1.0, -1.0, 0.7):
-        assert (
-            np.abs(QUATERNION.rotation(length * a) - scipy_of(a).as_matrix()).max()
-            < ROUND_OFF
-        )
+        assert_near(QUATERNION.rotation(length * a), scipy_of(a).as_matrix(), ROUND_OFF)
 
 
 def test_rates_turn_at_the_angular_velocity_and_restore_the_length():
@@ -35,10 +33,7 @@ def test_rates_turn_at_the_angular_velocity_and_restore_the_length():
     for length in (1.0, 0.9):
         rates = QUATERNION.rates(length * a, turning)
         change = np.imag(QUATERNION.rotation(length * a + 1j * STEP * rates)) / STEP
-        assert (
-            np.abs(QUATERNION.rotation(a).T @ change - cross_matrix(turning)).max()
-            < ROUND_OFF
-        )
+        assert_near(QUATERNION.rotation(a).T @ change, cross_matrix(turning), ROUND_OFF)
         assert a @ rates == pytest.approx((1.0 - length**2) * length, abs=ROUND_OFF)
 
 
@@ -48,9 +43,7 @@ def test_turns_of_any_size():
         turn = angle * np.array([2.0, -1.0, 2.0]) / 3.0
         expected = scipy_of(a) * Rotation.from_rotvec(turn)
         turned = QUATERNION.integrate(a, turn)
-        assert (
-            np.abs(QUATERNION.rotation(turned) - expected.as_matrix()).max() < ROUND_OFF
-        )
+        assert_near(QUATERNION.rotation(turned), expected.as_matrix(), ROUND_OFF)
         way = (scipy_of(a).inv() * expected).as_rotvec()
         size = np.linalg.norm(way)
         if angle < 3.0 or angle > 4.0:  # half a turn has two ways
@@ -58,10 +51,7 @@ def test_turns_of_any_size():
             error = way * np.sinc(size / 2.0 / np.pi)
             for sign in (1.0, -1.0):
                 # both quaternions of the goal: never the longer way
-                assert (
-                    np.abs(QUATERNION.difference(a, sign * turned) - error).max()
-                    < ROUND_OFF
-                )
+                assert_near(QUATERNION.difference(a, sign * turned), error, ROUND_OFF)
 
 
 def test_motion_of_a_goal_relative_to_an_attitude():
@@ -69,9 +59,8 @@ def test_motion_of_a_goal_relative_to_an_attitude():
     a, goal = attitude(), attitude()
     turning, rate, acceleration = RNG.standard_normal((3, 3))
     seen, steeply = QUATERNION.reference_rates(a, turning, goal, rate, acceleration)
-    assert (
-        np.abs(QUATERNION.rotation(a) @ seen - QUATERNION.rotation(goal) @ rate).max()
-        < ROUND_OFF
+    assert_near(
+        QUATERNION.rotation(a) @ seen, QUATERNION.rotation(goal) @ rate, ROUND_OFF
     )
     step = 1j * STEP
     later, _ = QUATERNION.reference_rates(
@@ -81,7 +70,7 @@ def test_motion_of_a_goal_relative_to_an_attitude():
         rate + step * acceleration,
         acceleration,
     )
-    assert np.abs(np.imag(later) / STEP - steeply).max() < ROUND_OFF
+    assert_near(np.imag(later) / STEP, steeply, ROUND_OFF)
 
 
 @pytest.mark.parametrize("angles", [(0.1, 0.2, 0.3), (3.0, -0.4, 2.0)])
@@ -89,12 +78,11 @@ def test_a_truss_in_the_same_attitude(angles):
     euler = SpaceTruss.published(modes=0).turned(np.array(angles))
     truss = euler.with_quaternion()
     q = truss.parameters["initial_coordinates"]
-    assert (
-        np.abs(QUATERNION.rotation(q[3:7]) - EULER.rotation(np.array(angles))).max()
-        < ROUND_OFF
+    assert_near(
+        QUATERNION.rotation(q[3:7]), EULER.rotation(np.array(angles)), ROUND_OFF
     )
     again = truss.with_quaternion().parameters["initial_coordinates"]
-    assert np.abs(again - q).max() < ROUND_OFF
+    assert_near(again, q, ROUND_OFF)
 
 
 @pytest.mark.parametrize(

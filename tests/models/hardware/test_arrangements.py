@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from trussflow.blocks import Constant, Diagram, simulate
 from trussflow.models import (
@@ -43,7 +44,7 @@ def test_any_arrangement_carries_hardware(random_system, arrangement):
         return
     assert Hardware.flight().limits(truss).shape == (truss.actuators,)
     result = simulate(wired(truss), 0.04, step=0.02, log=["truss.coordinates"])
-    assert np.array_equal(result["truss.coordinates"][-1], truss.dynamics.rest)
+    assert_array_equal(result["truss.coordinates"][-1], truss.dynamics.rest)
 
 
 def test_drives_have_the_units_of_their_joints():

@@ -66,7 +66,7 @@ def test_an_encoder_counts_steps_of_a_turn():
     step = 2 * np.pi / 256
     encoder = Measurement(sample_time=0.1, quantum=step)
     measured, true = watch(encoder, Ramp([0.5, -0.3]), 2, 20.0)
-    assert np.abs(measured - true).max() <= step / 2 * (1 + 1e-9)
+    assert_near(measured, true, step / 2 * (1 + 1e-9))
     assert_near(measured / step, np.rint(measured / step), 1e-9)
 
 

@@ -181,9 +181,7 @@ def test_pulses_have_the_average_that_is_wanted():
     result = fire(thrusters, Constant(demand), 100.0, step=0.01)
     thrust, wrench = result["thrust"].values[:-1], result["wrench"].values[:-1]
     assert set(np.unique(thrust)) == {0.0, 1.0}
-    assert (
-        np.abs(wrench.mean(axis=0)[:3] - demand[:3]).max() <= 0.05 * 0.1 / 100.0 + 1e-12
-    )
+    assert_near(wrench.mean(axis=0)[:3], demand[:3], 0.05 * 0.1 / 100.0 + 1e-12)
     period = thrust.reshape(-1, 10, 6)
     assert (
         np.diff(period, axis=1) <= 0

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from trussflow.models import (
     ModelError,
@@ -68,7 +69,7 @@ def test_condensed_shapes_leave_fixed_steps_a_margin(arm):
 
 
 def test_damping_is_that_of_the_consistent_plant():
-    assert np.array_equal(
+    assert_array_equal(
         SpaceTruss.accurate().parameters["damping_ratio"], np.full(38, 0.005)
     )
     assert not np.any(SpaceTruss.accurate(damping=0.0).parameters["damping_ratio"])

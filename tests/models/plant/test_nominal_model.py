@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from systems import relative_error
+from numpy.testing import assert_array_equal
+from systems import assert_near, relative_error
 
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.models import NominalModel, SpaceTruss
@@ -65,7 +66,7 @@ def test_commanded_acceleration_comes_out(truss):
     achieved = acceleration - (disturbance - estimate)
     expected = to_body(EULER, q, wanted + correction - task_drift(EULER, q, speeds))
     # cond(G) ~ 1e8
-    assert np.abs(achieved - expected).max() < 1e-7 * np.abs(acceleration).max()
+    assert_near(achieved, expected, 1e-7 * np.abs(acceleration).max())
 
 
 def test_nominal_acceleration_is_that_of_the_forward_model(truss):
@@ -96,7 +97,7 @@ def test_parts_add_up(truss):
     )
     total = found["feedforward_force"] + found["feedback_force"]
     assert np.allclose(found["generalized_force"], total, rtol=1e-12, atol=1e-12)
-    assert np.array_equal(
+    assert_array_equal(
         found["full_actuation_matrix"][: truss.rigid], found["actuation_matrix"]
     )
 
@@ -122,14 +123,14 @@ def test_task_drift_is_the_rate_of_the_task_velocity(kind):
     rates = np.concatenate([np.zeros(3), kind.rates(q[3:], speeds[3:6])])
     ahead, behind = (task_velocity(kind, q + step * rates, speeds) for step in (h, -h))
     drift = task_drift(kind, q, speeds)
-    assert np.abs(drift - (ahead - behind) / (2 * h)).max() < 1e-9  # h² terms
-    assert np.array_equal(drift[6:], np.zeros(2))
+    assert_near(drift, (ahead - behind) / (2 * h), 1e-9)  # h² terms
+    assert_array_equal(drift[6:], np.zeros(2))
 
 
 def test_task_force_does_the_same_work(kind):
     """x_2 · J_g^T f = (J_g x_2) · f, and to_body is the inverse of J_g."""
     q, force, task_rate = position(kind), *RNG.standard_normal((2, 9))
     speeds = to_body(kind, q, task_rate)
-    assert np.abs(task_velocity(kind, q, speeds) - task_rate).max() < 1e-14
+    assert_near(task_velocity(kind, q, speeds), task_rate, 1e-14)
     work = speeds @ task_force_to_body(kind, q, force)
     assert work == pytest.approx(task_rate @ force, rel=1e-12)

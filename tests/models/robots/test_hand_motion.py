@@ -1,6 +1,7 @@
 """The hands as the paper has them; the sums over particles of the dynamics hold the exact ones."""
 
 import numpy as np
+from systems import assert_near
 
 from trussflow.models.robots.hand_motion import hand_motion
 
@@ -19,22 +20,20 @@ def test_published_motion_is_the_one_printed(modes, rng):
         )
         point_velocity = v + np.cross(w, rho) + T @ rates
         spin = w + R @ rates
-        assert np.allclose(hand.position, rho, rtol=0, atol=ROUND_OFF)
-        assert np.allclose(hand.velocity[3:], spin, rtol=0, atol=ROUND_OFF)
+        assert_near(hand.position, rho, ROUND_OFF)
+        assert_near(hand.velocity[3:], spin, ROUND_OFF)
         found = hand.velocity[:3] + np.cross(spin, rho)
-        assert np.allclose(found, point_velocity, rtol=0, atol=ROUND_OFF)
+        assert_near(found, point_velocity, ROUND_OFF)
         # Accelerations in inertial space at zero dv/dt, dw/dt, tau''.
         spin_acceleration = np.cross(w, R @ rates)
         point_acceleration = (
             np.cross(w, v) + np.cross(w, np.cross(w, rho)) + 2 * np.cross(w, T @ rates)
         )
-        assert np.allclose(
-            hand.acceleration[3:], spin_acceleration, rtol=0, atol=ROUND_OFF
-        )
+        assert_near(hand.acceleration[3:], spin_acceleration, ROUND_OFF)
         # From the spatial acceleration, which is of the body's point passing through O_t.
         found = (
             hand.acceleration[:3]
             + np.cross(hand.acceleration[3:], rho)
             + np.cross(spin, point_velocity)
         )
-        assert np.allclose(found, point_acceleration, rtol=0, atol=ROUND_OFF)
+        assert_near(found, point_acceleration, ROUND_OFF)

@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from scipy.spatial.transform import Rotation
+from systems import assert_near
 
 from trussflow.models import Joint, ModelError, RobotArm, arm_terms, shipped_file
 
@@ -32,18 +34,18 @@ def base_of(arm, angles):
 
 
 def test_literal_arm_has_the_printed_numbers():
-    assert np.array_equal(LITERAL.masses, MASSES)
-    assert np.array_equal([np.diag(j) for j in LITERAL.inertias], INERTIAS)
+    assert_array_equal(LITERAL.masses, MASSES)
+    assert_array_equal([np.diag(j) for j in LITERAL.inertias], INERTIAS)
     assert LITERAL.base_mass == 13.9
-    assert np.array_equal(np.diag(LITERAL.base_inertia), [0.8494, 0.4894, 1.194])
+    assert_array_equal(np.diag(LITERAL.base_inertia), [0.8494, 0.4894, 1.194])
     assert LITERAL.mass == pytest.approx(19.3972, rel=1e-12)
 
 
 def test_literal_arm_at_zero_angles_ends_where_table_2_leads():
     """Computed by hand from the eight rows: the base turned over, 0.33 m beside the grasp."""
     position, rotation = base_of(LITERAL, np.zeros(7))
-    assert np.allclose(position, [0.3264, 0.0, -0.272], rtol=0, atol=1e-12)
-    assert np.array_equal(rotation, [[0, 1, 0], [1, 0, 0], [0, 0, -1]])
+    assert_near(position, [0.3264, 0.0, -0.272], 1e-12)
+    assert_array_equal(rotation, [[0, 1, 0], [1, 0, 0], [0, 0, -1]])
 
 
 def test_jaco_arm_stretched_reaches_as_far_as_the_real_one():
@@ -53,7 +55,7 @@ def test_jaco_arm_stretched_reaches_as_far_as_the_real_one():
     position, _ = base_of(arm, angles)
     links = 0.16 + 0.10375 + 0.10375 + 0.2073 + 0.205 + 0.205 + 0.11875
     base = 0.15675 + 0.125
-    assert np.allclose(position, [-0.0098, 0.0, -links - base], rtol=0, atol=1e-12)
+    assert_near(position, [-0.0098, 0.0, -links - base], 1e-12)
 
 
 @pytest.mark.parametrize(("arm", "rank"), [(LITERAL, 3), (RobotArm.jaco(), 6)])
@@ -198,13 +200,8 @@ def test_jaco_arm_is_the_description_reversed(rng):
     expected_origin = -to_truss @ hand
     expected_rotation = to_truss @ np.diag([-1.0, -1.0, 1.0])
     position, base_rotation = base_of(arm, angles)
-    assert np.allclose(
-        position - base_rotation @ arm.base_centroid,
-        expected_origin,
-        rtol=0,
-        atol=1e-12,
-    )
-    assert np.allclose(base_rotation, expected_rotation, rtol=0, atol=1e-12)
+    assert_near(position - base_rotation @ arm.base_centroid, expected_origin, 1e-12)
+    assert_near(base_rotation, expected_rotation, 1e-12)
 
 
 def test_printed_inertias_are_those_of_the_description_s_cylinders():
@@ -220,4 +217,4 @@ def test_printed_inertias_are_those_of_the_description_s_cylinders():
             # an error of the table: y and z of the link's tensor are not exchanged
             cylinder = cylinder[[0, 2, 1]]
         shift = mass * (centre @ centre - centre**2)
-        assert np.max(np.abs(cylinder + shift - printed)) < PRINTED_DIGIT / 2, j
+        assert_near(cylinder + shift, printed, PRINTED_DIGIT / 2, err_msg=str(j))

@@ -5,6 +5,8 @@ import sys
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
+from systems import assert_near
 
 from trussflow.models import (
     Joint,
@@ -62,12 +64,12 @@ def test_names_limits_and_kinds_are_those_of_the_file(file):
         Joint("slide", sliding=True, lower=-1.0, upper=1.0, effort=7.0, speed=0.1),
         Joint("shoulder", lower=0.2, upper=2.0, effort=5.0, speed=3.0),
     )
-    assert np.array_equal(arm.rest_angles, [0.0, 0.2])
+    assert_array_equal(arm.rest_angles, [0.0, 0.2])
     assert (arm.name, arm.mass, arm.base_mass) == ("two", 8.0, 2.0)
-    assert np.array_equal(arm.masses, [4.0, 2.0, 0.0])  # the finger is held by the hand
+    assert_array_equal(arm.masses, [4.0, 2.0, 0.0])  # the finger is held by the hand
     shorter = read(file, base="upper", locked={"grip": 0.3, "shoulder": 1.0})
     # the body is held beside the base
-    assert np.array_equal(shorter.masses, [4.0, 2.0])
+    assert_array_equal(shorter.masses, [4.0, 2.0])
     assert shorter.joint_data == arm.joint_data[:1]
 
 
@@ -81,9 +83,9 @@ def test_coordinates_keep_their_sign_against_the_direction_of_the_file(file):
     )
     # Centroids of body and tool, less where they are in the frames of these links.
     origin = one.base_position - one.base_rotation @ there.base_centroid
-    assert np.allclose(one.base_rotation, other.base_rotation.T, rtol=0, atol=ROUND_OFF)
+    assert_near(one.base_rotation, other.base_rotation.T, ROUND_OFF)
     returned = other.base_position - other.base_rotation @ back.base_centroid
-    assert np.allclose(returned, -other.base_rotation @ origin, rtol=0, atol=ROUND_OFF)
+    assert_near(returned, -other.base_rotation @ origin, ROUND_OFF)
 
 
 def test_units_follow_the_kinds_of_the_joints(file, modes):

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from systems import assert_near
 
 from trussflow.models import ModelError, RobotArm, shipped_file
 from trussflow.models.transport import Mission, MissionFile
@@ -64,7 +65,7 @@ def test_a_quaternion_is_asked_for_in_the_file(tmp_path):
     flown = MissionFile.read(path)
     half = np.sqrt(0.5)
     q = flown.truss.parameters["initial_coordinates"]
-    assert np.abs(q[3:7] - [half, 0.0, 0.0, half]).max() < 1e-15
+    assert_near(q[3:7], [half, 0.0, 0.0, half], 1e-15)
     assert flown.diagram().blocks["trajectory"].port("position").whole_shape == (
         flown.truss.rigid_q,
     )
@@ -215,7 +216,7 @@ def test_each_robot_has_a_table_of_its_own(boom):
     inertia = held.base_inertia * (50.0 / held.base_mass)
     expected = replace(held, hand_rotation=turned, base_mass=50.0, base_inertia=inertia)
     for name in ("hand_rotation", "joint_origins", "base_inertia", "masses"):
-        assert np.abs(getattr(walker, name) - getattr(expected, name)).max() < 1e-12
+        assert_near(getattr(walker, name), getattr(expected, name), 1e-12)
     assert literal.same_as(RobotArm.literal())
     limits = flown.hardware.limits(flown.truss)
     bases, joints = limits[:12].reshape(2, 2, 3), limits[12:]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
-from systems import respond
+from systems import assert_near, respond
 
 from trussflow.blocks import Diagram, Simulator, Step, simulate
 from trussflow.models import QUATERNION, Hardware, ModelError, SpaceTruss
@@ -59,8 +59,8 @@ def test_a_slew_s_velocity_and_acceleration_are_its_derivatives(tug):
         )
         rates = QUATERNION.rates(now["position"][3:], now["velocity"][3:])
         expected = np.concatenate([now["velocity"][:3], rates])
-        assert np.abs(slope - expected).max() < 1e-9
-        assert np.abs(bend - now["acceleration"]).max() < 1e-9
+        assert_near(slope, expected, 1e-9)
+        assert_near(bend, now["acceleration"], 1e-9)
     start, end = (
         Rotation.from_quat(respond(path, t)["position"][[4, 5, 6, 3]])
         for t in (0.0, 10.0)
@@ -107,7 +107,7 @@ def test_errors_of_any_size_converge_as_designed(tug, angle):
     ).y[0]
     for each in (run, again):
         expected = np.outer(2.0 * np.sin(exact / 2.0), axis)
-        assert np.abs(each["attitude_error"] - expected).max() < ERROR_TOLERANCE
+        assert_near(each["attitude_error"], expected, ERROR_TOLERANCE)
     assert np.abs(exact[-1]) < 1e-2
     assert again["attitude"].values[0] == pytest.approx(-run["attitude"].values[0])
 
@@ -125,13 +125,13 @@ def test_a_slew_that_becomes_slower_ends_where_it_should(tug):
         QUATERNION.difference(*pair) / 0.02
         for pair in zip(q[:-2, 3:], q[2:, 3:], strict=True)
     ]
-    assert np.abs(turns - v[1:-1, 3:]).max() < 1e-4  # h², and the corner
+    assert_near(turns, v[1:-1, 3:], 1e-4)  # h², and the corner
     assert v[1600, 3] > 0.0
     end = path_of(
         mission(TURN),
         SpaceTruss(tug.dynamics, start=tug.parameters["initial_coordinates"]),
     )
-    assert np.abs(q[-1] - respond(end, 10.0)["position"]).max() < ERROR_TOLERANCE
+    assert_near(q[-1], respond(end, 10.0)["position"], ERROR_TOLERANCE)
 
 
 def test_what_actuators_need_for_a_turn_about_z_is_the_same():

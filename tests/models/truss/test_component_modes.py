@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from pynite_modes import pynite_modes
 from scipy.sparse.linalg import spsolve
+from systems import assert_near
 
 from trussflow.models import ModelError, reduced_modes
 from trussflow.models.truss.paper_truss import (
@@ -66,9 +68,9 @@ def test_the_modes_are_those_of_another_code():
     found = component_modes(20, printed_grasps())
     frequencies, translations, _ = pynite_modes(paper_frame(), 38)
     alone = found.truncated(20)
-    assert np.max(np.abs(alone.frequencies / frequencies[:20] - 1.0)) < SAME_MODEL
+    assert_near(alone.frequencies / frequencies[:20], 1.0, SAME_MODEL)
     signs = np.sign(np.sum(alone.shapes * translations[:, :, :20], axis=(0, 1)))
-    assert np.max(np.abs(alone.shapes * signs - translations[:, :, :20])) < SAME_MODEL
+    assert_near(alone.shapes * signs, translations[:, :, :20], SAME_MODEL)
     assert np.all(np.diff(found.frequencies) > 0.0)
     # Courant: each frequency in a subspace is above the one of the same number in the whole.
     assert np.all(found.frequencies > frequencies * (1.0 - SAME_MODEL))
@@ -78,7 +80,7 @@ def test_the_modes_are_those_of_another_code():
 def test_shapes_are_orthonormal_and_clamped(highest):
     modes = component_modes(20, printed_grasps(), highest_frequency=highest)
     assert modes.modes == 20 + 18
-    assert np.max(np.abs(modes.modal_mass - np.eye(38))) < 1e-10
+    assert_near(modes.modal_mass, np.eye(38), 1e-10)
     assert modes.frequencies[-1] == pytest.approx(min(highest, 440.86), abs=0.01)
     assert not np.any(modes.shapes[: len(CLAMPED_FACE)])
     assert not np.any(modes.grasp_translations[0])
@@ -88,13 +90,15 @@ def test_the_accurate_truss_extends_the_reconstructed_one(modes):
     """The same mass, static moment and inertia; its first six modes with the printed frequencies."""
     accurate = accurate_modes()
     for name in ("mass", "static_moment", "inertia"):
-        assert np.array_equal(getattr(accurate, name), getattr(modes, name)), name
-    assert np.array_equal(accurate.frequencies[:6], printed_frequencies())
+        assert_array_equal(
+            getattr(accurate, name), getattr(modes, name), err_msg=str(name)
+        )
+    assert_array_equal(accurate.frequencies[:6], printed_frequencies())
     first = accurate.truncated(6)
     for name in ("shapes", "grasp_positions", "grasp_translations", "grasp_rotations"):
-        assert (
-            np.max(np.abs(getattr(first, name) - getattr(modes, name))) < SAME_MODEL
-        ), name
+        assert_near(
+            getattr(first, name), getattr(modes, name), SAME_MODEL, err_msg=str(name)
+        )
 
 
 def test_attachments_where_a_robot_can_pull():
