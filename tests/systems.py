@@ -1,5 +1,6 @@
 """Small blocks and diagrams that many tests share. A test defines its own only to show a special property."""
 
+import sys
 from unittest import mock
 
 import casadi as ca
@@ -7,6 +8,7 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 from trussflow.blocks import (
+    INFERRED,
     Block,
     Constant,
     Diagram,
@@ -19,6 +21,7 @@ from trussflow.blocks import (
     Parameter,
     Simulator,
     State,
+    repeated,
     simulate,
 )
 from trussflow.blocks.framework.declarations import Signals
@@ -83,6 +86,63 @@ class DrivenPendulum(Block):
 
     def derivative(self, t, x, u, p):
         return {"q": x.v, "v": u.drive + u.wind - 9.81 * np.sin(x.q) - 0.1 * x.v}
+
+
+class Pendulum(Block):
+    """Two pendulums, stiff as the user likes."""
+
+    torque = Input((2,), unit="N*m")
+    angle = Output((2,), unit="rad", meaning="from the vertical")
+    load = Output((2,), unit="N*m")
+    q = State((2,), initial="release", unit="rad")
+    v = State((2,), unit="rad/s")
+    release = Parameter((0.3, -0.2), (2,), unit="rad", meaning="angle at the start")
+    stiffness = Parameter(9.0, above=0.0, unit="N*m")
+
+    def output(self, t, x, u, p):
+        return {"angle": x.q, "load": u.torque - p.stiffness * np.sin(x.q)}
+
+    def derivative(self, t, x, u, p):
+        return {
+            "q": x.v,
+            "v": u.torque - p.stiffness * np.sin(x.q) + 0.1 * np.cos(3 * t),
+        }
+
+
+class Controller(Block):
+    """A sampled law with memory, and a port that takes the unit of its source."""
+
+    goal = Input((2,), unit="rad")
+    angle = Input((2,), unit=INFERRED)
+    torque = Output((2,), unit="N*m")
+    total = State((2,))
+    gain = Parameter(2.0)
+
+    def output(self, t, x, u, p):
+        return {"torque": p.gain * (u.goal - u.angle) + x.total}
+
+    def update(self, t, x, u, p):
+        return {"total": x.total + 0.1 * (u.goal - u.angle)}
+
+
+class Ring(Block):
+    """Seven equal equations, which become one kernel in lanes."""
+
+    push = Input()
+    x = State(7, initial=0.1)
+    total = Output()
+
+    def output(self, t, x, u, p):
+        return {"total": np.sum(x.x)}
+
+    def derivative(self, t, x, u, p):
+        def one(a, push):
+            return (
+                push * np.sin(a) - np.exp(-a * a) * a + np.cos(a) * np.log(1.0 + a),
+            )
+
+        rates = repeated(one, [(x.x[i], u.push) for i in range(7)])
+        return {"x": np.stack([rate for (rate,) in rates])}
 
 
 class Counter(Block):
@@ -197,6 +257,12 @@ def interpreted(request):
 def assert_near(found, expected, tolerance, err_msg=""):
     """Check that arrays differ by an absolute tolerance at most."""
     assert_allclose(found, expected, rtol=0, atol=tolerance, err_msg=err_msg)
+
+
+def here(ahead):
+    """Return ``file:line`` of a line some lines after the call."""
+    frame = sys._getframe(1)
+    return f"{frame.f_code.co_filename}:{frame.f_lineno + ahead}"
 
 
 def relative_error(found, expected):

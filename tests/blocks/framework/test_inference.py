@@ -1,10 +1,10 @@
 """Shapes, units and frames that ports take over from what they are wired to."""
 
 import itertools
-import sys
 
 import numpy as np
 import pytest
+from systems import here
 
 from trussflow.blocks import UnitDelay
 from trussflow.blocks.errors import WiringError
@@ -37,12 +37,6 @@ class Sink(Block):
     m = Input((2, 3), unit="m")
     k = Input((4,), unit="N")
     w = Input((2, 3), unit="N", frame="world")
-
-
-def here(ahead):
-    """Return ``file:line`` of a line some lines after the call."""
-    frame = sys._getframe(1)
-    return f"{frame.f_code.co_filename}:{frame.f_lineno + ahead}"
 
 
 def chain(length):

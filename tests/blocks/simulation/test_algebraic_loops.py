@@ -1,8 +1,7 @@
 """Algebraic loops: found per port, through hierarchy, whatever runs and whatever is logged."""
 
-import sys
-
 import pytest
+from systems import here
 
 from trussflow.blocks import (
     Block,
@@ -35,12 +34,6 @@ class Plant(Block):
 
     def derivative(self, t, x, u, p):
         return {"q": u.force}
-
-
-def here(ahead):
-    """Return ``file:line`` of a line some lines after the call."""
-    frame = sys._getframe(1)
-    return f"{frame.f_code.co_filename}:{frame.f_lineno + ahead}"
 
 
 def test_loop_of_gain_and_sum_is_printed_with_its_path():

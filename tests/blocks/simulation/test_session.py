@@ -5,17 +5,15 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal, assert_equal
-from systems import HiddenSum, Lag, Time, assert_near
+from systems import Controller, HiddenSum, Lag, Pendulum, Time, assert_near
 
 from trussflow.blocks import (
     Block,
     Diagram,
     Input,
     Output,
-    Parameter,
     Session,
     Simulator,
-    State,
     TimeFunction,
 )
 from trussflow.blocks.errors import NameLookupError, ParameterError
@@ -26,37 +24,6 @@ from trussflow.blocks.simulation.solver import FIXED_STEP
 STEP, POINT, SAMPLE = (0.01, Fraction(1, 20), 0.04)
 ADAPTIVE_TOLERANCE = 1e-7  # of the exact solution, with the default tolerances
 ROUND_OFF = 1e-12
-
-
-class Pendulum(Block):
-    torque = Input(2)
-    angle, load = Output(2), Output(2)
-    q, v = State(2, initial="release"), State(2)
-    release = Parameter((0.3, -0.2), (2,))
-    stiffness = Parameter(9.0, above=0.0)
-
-    def output(self, t, x, u, p):
-        return {"angle": x.q, "load": u.torque - p.stiffness * np.sin(x.q)}
-
-    def derivative(self, t, x, u, p):
-        return {
-            "q": x.v,
-            "v": u.torque - p.stiffness * np.sin(x.q) + 0.1 * np.cos(3 * t),
-        }
-
-
-class Controller(Block):
-    """A sampled law with memory and with direct feedthrough."""
-
-    goal, angle = Input(2), Input(2)
-    torque = Output(2)
-    total = State(2)
-
-    def output(self, t, x, u, p):
-        return {"torque": 2.0 * (u.goal - u.angle) + x.total}
-
-    def update(self, t, x, u, p):
-        return {"total": x.total + 0.1 * (u.goal - u.angle)}
 
 
 def staircase(t):

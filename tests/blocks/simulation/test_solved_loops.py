@@ -332,16 +332,6 @@ def test_loops_through_python_blocks_settle_at_zero():
     assert_near(values(diagram, "law.z"), 0.0, ROUND_OFF)
 
 
-def test_loops_through_python_blocks_without_a_single_solution():
-    diagram = Diagram("identity", loops="solve")
-    law = diagram.add(law=python(Gain, 1.0))
-    law.y >> law.u
-    with pytest.raises(
-        DivergenceError, match="Newton's method finds no single solution"
-    ):
-        values(diagram, "law.y")
-
-
 @pytest.mark.parametrize("gain", [0.5, -3.0, 1.0])
 def test_loops_through_continuous_python_blocks(gain):
     """As y = gain (1 + y), if the diagram says so; for a gain of one there is no solution."""

@@ -273,20 +273,6 @@ def test_ctrl_c_waits_for_files_that_are_deleted(
     assert [p.name for p in tmp_path.iterdir()] == ["run.nc"]
 
 
-@pytest.mark.usefixtures("small_pieces")
-def test_ctrl_c_ends_joining_and_leaves_the_pieces(
-    simulator, whole, tmp_path, monkeypatch
-):
-    path = tmp_path / "run.nc"
-    interrupting(streamed_log.StreamedLog, "_join", monkeypatch)
-    with pytest.raises(
-        SimulationInterrupted, match=r"Ctrl-C came; the rows written before .*recover\("
-    ):
-        simulator.run(3.0, stream_to=path)
-    xr.testing.assert_equal(recover(path), whole)
-    assert [p.name for p in tmp_path.iterdir()] == ["run.nc.partial"]
-
-
 @pytest.mark.parametrize(
     "path", [None, 5, xr.Dataset(), "", "/", "x" * 300, "a\0b", "run.csv"]
 )
@@ -298,13 +284,17 @@ def test_what_is_no_path_is_refused(path, tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("small_pieces")
-def test_damaged_pieces_are_named_and_the_others_read(
+def test_ctrl_c_leaves_pieces_of_which_damaged_ones_are_named(
     simulator, whole, tmp_path, monkeypatch
 ):
     path = tmp_path / "run.nc"
     interrupting(streamed_log.StreamedLog, "_join", monkeypatch)
-    with pytest.raises(SimulationInterrupted):
+    with pytest.raises(
+        SimulationInterrupted, match=r"Ctrl-C came; the rows written before .*recover\("
+    ):
         simulator.run(3.0, stream_to=path)
+    xr.testing.assert_equal(recover(path), whole)
+    assert [p.name for p in tmp_path.iterdir()] == ["run.nc.partial"]
     last = sorted((tmp_path / "run.nc.partial").glob("*.nc"))[-1]
     content = last.read_bytes()
     for damaged in (b"", content[: len(content) // 2], b"x" * 1000):

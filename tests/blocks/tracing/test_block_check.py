@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 from scipy.special import expit
 
-from trussflow.blocks.errors import BlockError, OpenInputError, TracingError
+from trussflow.blocks.errors import BlockError, TracingError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Parameter, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.system import flatten
-from trussflow.blocks.library.algebra import Function
 from trussflow.blocks.tracing.block_check import isolate
 from trussflow.blocks.tracing.kernels import is_traced
 
@@ -164,31 +162,6 @@ def test_what_is_no_array_of_numbers_is_refused(returned):
         match=r"'y' must be an array of numbers, not (?s:.*)test_block_check.py:",
     ):
         isolate(block_of(lambda _: returned))
-
-
-def test_functions_are_called_with_the_inputs():
-    def three(u, v, w):
-        return u + v + w
-
-    with pytest.raises(
-        BlockError,
-        match=r"three \(.*py:\d+\) is called with the inputs, \(u\): missing .* 'v'",
-    ):
-        Function(three)
-    block = Diagram("d").add(
-        f=Function(lambda u: u[0], {"u": Input(3)}, {"y": Output(3)})
-    )
-    with pytest.raises(
-        BlockError,
-        match=r"return that shape, or declare outputs=\{'y': Output\(\(\)\)\}",
-    ):
-        isolate(block)
-    diagram = Diagram("d")
-    diagram.add(f=Function(lambda t: t**2))
-    with pytest.raises(
-        OpenInputError, match=r"'f.u' .*: argument 't' is not the time: TimeFunction is"
-    ):
-        flatten(diagram)
 
 
 def test_error_in_numpy_is_told():

@@ -70,12 +70,6 @@ def python_diagram():
         (
             Integrator,
             "x.fmu",
-            {"platforms": "amiga"},
-            "platform 'amiga'; choose from: x86_64-linux",
-        ),
-        (
-            Integrator,
-            "x.fmu",
             {"platforms": "all", "kind": "python"},
             "contains the binaries of pythonfmu",
         ),
@@ -84,12 +78,6 @@ def python_diagram():
             "x.fmu",
             {"solver": "euler"},
             "kind='native' contains the solver rk4, not 'euler'",
-        ),
-        (
-            Integrator,
-            "x.fmu",
-            {"parameters": {"gain": 1}},
-            "unknown parameter of .* 'gain'",
         ),
         (python_diagram, "x.fmu", {}, r"'double' \(PythonFunction\) runs Python code"),
         (

@@ -276,12 +276,6 @@ def equal_names():
         (
             lambda: Gain(1.0),
             "made.c",
-            {"version": "3.0"},
-            "leave out version and platforms",
-        ),
-        (
-            lambda: Gain(1.0),
-            "made.c",
             {"solver": "BDF"},
             "kind='c' contains the solver rk4",
         ),

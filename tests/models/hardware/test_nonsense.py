@@ -7,6 +7,7 @@ from collections import Counter
 import campaign
 import numpy as np
 import pytest
+from nonsense import NONSENSE
 
 from trussflow.blocks.errors import TrussflowError
 from trussflow.models import (
@@ -17,52 +18,6 @@ from trussflow.models import (
     ThrusterSet,
 )
 
-NONSENSE = [
-    *(
-        None,
-        True,
-        "",
-        "x",
-        "3",
-        0,
-        -1,
-        2,
-        0.0,
-        -1.5,
-        1e300,
-        1e-300,
-        np.nan,
-        np.inf,
-        -np.inf,
-        1j,
-        10**400,
-        10**9,
-    ),
-    *(
-        [],
-        (),
-        {},
-        set(),
-        [[]],
-        [None],
-        [1, [2]],
-        [1.0, np.nan],
-        ["a"],
-        [1j],
-        np.zeros(0),
-        np.zeros((2, 2, 2)),
-    ),
-    *(
-        np.zeros((0, 3)),
-        np.ones((2, 3)),
-        np.array("text"),
-        object(),
-        int,
-        len,
-        np.eye(3),
-        [[1, 2, 3]],
-    ),
-]
 ORDINARY = [
     0.1,
     0.02,

@@ -193,7 +193,6 @@ LOOSE_STIFFNESS = K.toarray() * np.outer(np.arange(24) < 18, np.arange(24) < 18)
 
 ERROR_CASES = [
     ({"units": "SI"}, "units are 'SI'; they must be three, of length, mass and time"),
-    ({"units": "mts"}, "units are 'mts'; .*: there are not three texts"),
     ({"units": ("mm", "t")}, r"units are \('mm', 't'\); .*: there are not three texts"),
     (
         {"units": ("kg", "m", "s")},
@@ -233,7 +232,6 @@ ERROR_CASES = [
         {"axes": np.diag([1.0, 1.0, -1.0])},
         "axes is not a rotation matrix: R.T R differs from I by 0, and the determinant is -1",
     ),
-    ({"axes": 2.0 * np.eye(3)}, "axes is not a rotation matrix"),
     ({"nodes": [1, 2, 3, 2]}, "node number 2 is used twice"),
     ({"nodes": [1, 2, 3]}, r"positions has shape \(4, 3\); it must be \(3, 3\)"),
     (

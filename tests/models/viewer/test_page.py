@@ -12,6 +12,7 @@ import campaign
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial import ConvexHull
 from systems import assert_near
 
 from trussflow.blocks.results.dataset import save
@@ -167,19 +168,13 @@ def test_what_cannot_fit_is_refused(truss, run, content, monkeypatch):
 
 def test_fine_meshes_become_coarser_until_they_fit(truss, make_run, content, tmp_path):
     """Many triangles on four robots: a ball of one metre stays one; what is left out is said."""
-    turns, rows = 2.0 * np.pi * np.arange(200) / 200, np.linspace(0.0, np.pi, 101)
-    polar, around = np.meshgrid(rows, turns, indexing="ij")
-    ball = np.stack(
-        [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)],
-        axis=-1,
-    )
-    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in ball.reshape(-1, 3)]
-    at = np.arange(1, 100 * 200 + 1)
-    beside = at - (at - 1) % 200 + at % 200
-    lines += [
-        f"f {a} {b} {c} {d}"
-        for a, b, c, d in np.stack([at, beside, beside + 200, at + 200], axis=1)
-    ]
+    ball = np.random.default_rng(0).standard_normal((10_000, 3))
+    ball /= np.linalg.norm(ball, axis=1)[:, None]
+    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in ball]
+    faces = ConvexHull(ball).simplices
+    inward = np.linalg.det(ball[faces]) < 0.0
+    faces[inward] = faces[inward, ::-1]
+    lines += [f"f {a} {b} {c}" for a, b, c in faces + 1]
     (tmp_path / "ball.obj").write_text("\n".join(lines), encoding="utf-8")
     pose = Pose(np.eye(3), np.zeros(3))
     looks = [

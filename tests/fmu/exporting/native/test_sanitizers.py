@@ -7,9 +7,9 @@ from pathlib import Path
 
 import campaign
 import fmpy
-import numpy as np
 import pytest
 from fmpy import read_model_description
+from systems import Ring
 
 from trussflow.blocks import (
     Diagram,
@@ -19,11 +19,7 @@ from trussflow.blocks import (
     Table,
     UnitDelay,
     ZeroOrderHold,
-    repeated,
 )
-from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.declarations import State
-from trussflow.blocks.framework.port import Input, Output
 from trussflow.fmu import export
 
 FLAGS = (
@@ -34,26 +30,6 @@ FLAGS = (
 )
 FUZZ = Path(__file__).with_name("fuzz.c")
 HEADERS = Path(fmpy.__file__).parent / "c-code"
-
-
-class Ring(Block):
-    """Seven equal equations, which become one kernel in lanes."""
-
-    push = Input()
-    x = State(7, initial=0.1)
-    total = Output()
-
-    def output(self, t, x, u, p):
-        return {"total": np.sum(x.x)}
-
-    def derivative(self, t, x, u, p):
-        def one(a, push):
-            return (
-                push * np.sin(a) - np.exp(-a * a) * a + np.cos(a) * np.log(1.0 + a),
-            )
-
-        rates = repeated(one, [(x.x[i], u.push) for i in range(7)])
-        return {"x": np.stack([rate for (rate,) in rates])}
 
 
 def everything():

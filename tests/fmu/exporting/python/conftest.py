@@ -4,58 +4,12 @@ from itertools import count
 
 import numpy as np
 import pytest
-from systems import HiddenSum
+from systems import Controller, HiddenSum, Pendulum
 
-from trussflow.blocks import (
-    INFERRED,
-    Block,
-    Diagram,
-    Input,
-    Output,
-    Parameter,
-    PythonFunction,
-    State,
-)
+from trussflow.blocks import Diagram, Input, Output, PythonFunction
 from trussflow.fmu.exporting.export import export as fmu_export
 
 TIME_STEP = 1e-3
-
-
-class Pendulum(Block):
-    """Two pendulums, stiff as the user likes."""
-
-    torque = Input((2,), unit="N*m")
-    angle = Output((2,), unit="rad", meaning="from the vertical")
-    load = Output((2,), unit="N*m")
-    q = State((2,), initial="release", unit="rad")
-    v = State((2,), unit="rad/s")
-    release = Parameter((0.3, -0.2), (2,), unit="rad", meaning="angle at the start")
-    stiffness = Parameter(9.0, above=0.0, unit="N*m")
-
-    def output(self, t, x, u, p):
-        return {"angle": x.q, "load": u.torque - p.stiffness * np.sin(x.q)}
-
-    def derivative(self, t, x, u, p):
-        return {
-            "q": x.v,
-            "v": u.torque - p.stiffness * np.sin(x.q) + 0.1 * np.cos(3 * t),
-        }
-
-
-class Controller(Block):
-    """A sampled law with memory, and a port that takes the unit of its source."""
-
-    goal = Input((2,), unit="rad")
-    angle = Input((2,), unit=INFERRED)
-    torque = Output((2,), unit="N*m")
-    total = State((2,))
-    gain = Parameter(2.0)
-
-    def output(self, t, x, u, p):
-        return {"torque": p.gain * (u.goal - u.angle) + x.total}
-
-    def update(self, t, x, u, p):
-        return {"total": x.total + 0.1 * (u.goal - u.angle)}
 
 
 TORQUE_LIMIT = 0.4
