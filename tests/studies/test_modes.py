@@ -23,7 +23,7 @@ made independently of this code."""
 ROUND_OFF = 1e-9  # of loop gains
 
 
-DAMPINGS, BANDWIDTHS = [0.0, 0.01, 0.02], [0.0, 2.0, 3.0, 4.0]
+DAMPINGS, BANDWIDTHS = [0.0, 0.01, 0.02], [0.0, 2.0, 4.0]
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def neutral():
 def driven():
     """Return a loop that is unstable, since the actuators drive a mode."""
     return TrussLoop(
-        SpaceTruss.consistent(damping=0.01), 3.0, allocation="published", linear=True
+        SpaceTruss.consistent(damping=0.01), 4.0, allocation="published", linear=True
     )
 
 

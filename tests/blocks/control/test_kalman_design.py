@@ -151,7 +151,7 @@ def test_what_drives_a_command_in_the_diagram_is_cut_off():
         k for k, name in enumerate(block.state_names) if name.startswith("masses")
     ]
     reference = kalman_filter(TwoMasses(), **SETTINGS)
-    assert_allclose(block.gain[masses], reference.gain, rtol=1e-9, atol=0)
+    assert_allclose(block.gain[masses], reference.gain, rtol=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["steady", "varying", "extended"])

@@ -114,7 +114,7 @@ def test_less_is_left_at_any_time(first, share, later, second):
     )
     at_rest = time > arrival[-1] + ROUND_OFF
     assert at_rest.any()
-    assert_allclose(s[at_rest], [[7.0, -2.0]] * at_rest.sum(), rtol=ROUND_OFF, atol=0.0)
+    assert_allclose(s[at_rest], [[7.0, -2.0]] * at_rest.sum(), rtol=ROUND_OFF)
     assert not ds[at_rest].any()
     # that it comes back is noticed one sample later
     told = np.searchsorted(time, known[1] + SAMPLE)
@@ -134,7 +134,7 @@ def test_stops_as_soon_as_it_can_if_the_goal_is_too_near():
     )
     v, a = 15 / 8 * WAY[0] / TIME, 0.1 * LIMIT[0]
     farthest = 1.0 + WAY[0] / 2 + 15 / 16 * v**2 / a
-    assert_allclose(position.max(), farthest, rtol=ROUND_OFF, atol=0.0)
+    assert_allclose(position.max(), farthest, rtol=ROUND_OFF)
     stopped = result["time"][np.flatnonzero(speed <= 0.0)[1]]
     assert_near(stopped, 30.0 + 15 / 8 * v / a, 1.01 * SAMPLE)
     assert position[-1] == pytest.approx(7.0, rel=ROUND_OFF)
@@ -160,4 +160,4 @@ def test_no_number_and_more_change_nothing(share):
 def test_nothing_left_coasts():
     result = flown(Step(30.0, initial_value=1.0, final_value=-1.0), 90.0)
     speed = result["retimed.velocity"].values[-1]
-    assert_allclose(speed, 15 / 8 * WAY / TIME, rtol=1e-3, atol=0.0)
+    assert_allclose(speed, 15 / 8 * WAY / TIME, rtol=1e-3)

@@ -6,6 +6,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from browsing import Watched
 from numpy.testing import assert_allclose
 
 from trussflow.blocks import (
@@ -131,16 +132,13 @@ def page(chromium, result, tmp_path):
     """Return the page of a machine with a hostile name; it must not complain or request anything."""
     machine(HOSTILE).draw(tmp_path / "page.html", result=result)
     window = chromium.new_page(viewport={"width": 1200, "height": 800})
-    complaints, requests = [], []
-    window.on("pageerror", lambda error: complaints.append(str(error)))
-    window.on("dialog", lambda dialog: complaints.append(dialog.message))
-    window.on("console", lambda message: complaints.append(message.text))
-    window.on("request", lambda request: requests.append(request.url))
-    window.goto((tmp_path / "page.html").as_uri())
-    window.wait_for_selector("body[data-state=ready]")
+    watched = Watched(window, "log", "info", "warning", "error")
+    window.on("dialog", lambda dialog: watched.complaints.append(dialog.message))
+    watched.load((tmp_path / "page.html").as_uri())
     yield window
-    assert complaints == []
-    assert [url for url in requests if not url.startswith("data:")] == [window.url]
+    assert watched.complaints == []
+    requests = [url for url in watched.requests if not url.startswith("data:")]
+    assert requests == [window.url]
     window.close()
 
 

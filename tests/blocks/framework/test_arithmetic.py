@@ -101,10 +101,7 @@ def test_random_expressions_are_numpys(data):
 def test_what_reads_as_a_formula(write, expected):
     for backend in ("interpreted", "numpy"):
         assert_allclose(
-            value_of(write(sources()), backend),
-            expected,
-            rtol=OPERATION_TOLERANCE,
-            atol=0.0,
+            value_of(write(sources()), backend), expected, rtol=OPERATION_TOLERANCE
         )
 
 

@@ -108,7 +108,7 @@ def test_drift_is_a_random_walk(respond):
     )
     times = np.arange(1, 1000) * step
     deviation = drift[1:].std(axis=1) / np.sqrt(times)
-    assert_allclose(deviation, walk, rtol=4 / np.sqrt(800), atol=0)
+    assert_allclose(deviation, walk, rtol=4 / np.sqrt(800))
     averaged = np.array([10, 20, 40, 80])
     for rate, slope, at_one in (
         (drift, 0.5, walk / np.sqrt(3)),
@@ -128,7 +128,7 @@ def test_drift_with_a_correlation_time_settles(respond):
         walk, 0.1, seed=5, shape=2000, correlation_time=time, initial_deviation=settled
     )
     y = samples(respond, block, 10.0, step=0.1, log_step=0.1)
-    assert_allclose(y.std(axis=1), settled, rtol=4 / np.sqrt(4000), atol=0)
+    assert_allclose(y.std(axis=1), settled, rtol=4 / np.sqrt(4000))
     correlation = np.mean(y[:-20] * y[20:]) / settled**2
     assert correlation == pytest.approx(np.exp(-1), abs=0.02)
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from browsing import Watched
 
 from trussflow.blocks import simulate
 from trussflow.blocks.tracing import compiler
@@ -9,30 +10,13 @@ from trussflow.blocks.tracing import compiler
 UNFUSED = "cc -mno-fma -mno-fma4 -mno-avx512f"
 
 
-class LivePage:
-    """A live page in a browser, with its requests and complaints."""
-
-    def __init__(self, page):
-        self.page, self.requests, self.complaints = page, [], []
-        page.on("request", lambda request: self.requests.append(request.url))
-        page.on("pageerror", lambda error: self.complaints.append(str(error)))
-        page.on(
-            "console",
-            lambda m: (
-                self.complaints.append(m.text)
-                if m.type in ("error", "warning")
-                else None
-            ),
-        )
+class LivePage(Watched):
+    """A live page in a browser."""
 
     def open(self, place, values=""):
         """Load a file or an address and wait for its first run."""
-        self.page.goto("about:blank")
-        self.requests.clear()
         address = place if isinstance(place, str) else place.as_uri()
-        self.page.goto(f"{address}#{values}")
-        self.page.wait_for_selector("body[data-state=ready]", timeout=60_000)
-        return self
+        self.load(f"{address}#{values}")
 
     def set(self, name, value):
         """Write a value into a number field and wait for the run."""
@@ -67,7 +51,7 @@ def window(chromium):
     """Return a page in a browser that any test may use."""
     pytest.importorskip("ziglang")
     context = chromium.new_context(viewport={"width": 1200, "height": 800})
-    yield LivePage(context.new_page())
+    yield LivePage(context.new_page(), "error", "warning")
     context.close()
 
 

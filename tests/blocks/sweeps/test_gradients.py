@@ -74,7 +74,7 @@ def test_what_is_logged_is_what_a_run_logs():
         decay(), 1.0, lambda run: run["level.y"], {"law.gain": -2.0}, **settings
     )
     result = simulate(decay(), 1.0, **settings)
-    assert_allclose(value, result["level.y"], rtol=1e-14, atol=0)
+    assert_allclose(value, result["level.y"], rtol=1e-14)
 
 
 def test_derivatives_of_arrays_by_arrays():

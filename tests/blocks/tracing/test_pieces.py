@@ -49,4 +49,4 @@ def test_pieces_compute_the_same(length, file, tmp_path, monkeypatch):
     assert (len(others) > 1) == (file < 10**9)
     assert (main.count("hidden") if others else main.count("noinline")) > 40 / length
     found = simulator.run(1.0)
-    assert_allclose(found["ring.y"], expected["ring.y"], rtol=1e-13, atol=0.0)
+    assert_allclose(found["ring.y"], expected["ring.y"], rtol=1e-13)

@@ -454,7 +454,7 @@ ORDINARY = {
         "stick and slip",
         "an input jumps",
     ),
-    "test_native_fmus": NAMES[::2],
+    "test_native_fmus": NAMES[::4],
     "test_native_fmus_of_fmi_2": (
         "stick and slip",
         "event at a sample",

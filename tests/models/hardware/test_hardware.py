@@ -138,7 +138,7 @@ def test_sensors_show_the_truth_with_their_noise(truss):
             :-1
         ] / 1e-4
         count = len(error)
-        assert_allclose(error.std(axis=0), 1.0, rtol=4.5 / np.sqrt(2 * count), atol=0)
+        assert_allclose(error.std(axis=0), 1.0, rtol=4.5 / np.sqrt(2 * count))
         assert_near(np.corrcoef(error.T), np.eye(truss.rigid), 5 / np.sqrt(count))
     # The task velocity follows from the measured signals.
     q, v = (

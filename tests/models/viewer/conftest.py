@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
+from browsing import Watched
 
 from trussflow.blocks.results.dataset import save
 from trussflow.models import SpaceTruss
@@ -67,27 +68,13 @@ def page_file(truss, run, tmp_path_factory):
     return replay(folder / "run.nc", truss, folder / "replay.html", title="A run")
 
 
-class Watched:
-    """A page in a browser, with what it asked for and complained of."""
-
-    def __init__(self, page):
-        self.page = page
-        self.requests: list[str] = []
-        self.complaints: list[str] = []
-        page.on("request", lambda request: self.requests.append(request.url))
-        page.on("pageerror", lambda error: self.complaints.append(str(error)))
-        page.on(
-            "console",
-            lambda m: self.complaints.append(m.text) if m.type == "error" else None,
-        )
+class Replay(Watched):
+    """A page of a run."""
 
     def open(self, file, **asked):
-        """Load a file and wait until it is drawn."""
+        """Load a file with settings; return its page."""
         words = "&".join(f"{key}={value}" for key, value in asked.items())
-        self.page.goto("about:blank")
-        self.requests.clear()
-        self.page.goto(f"{file.as_uri()}#{words}")
-        self.page.wait_for_selector("body[data-state=ready]", timeout=60_000)
+        self.load(f"{file.as_uri()}#{words}")
         return self.page
 
 
@@ -102,7 +89,7 @@ def opened(chromium):
             color_scheme="dark" if scheme == "dark" else "light",
         )
         contexts.append(context)
-        return Watched(context.new_page())
+        return Replay(context.new_page(), "error")
 
     yield make
     for context in contexts:

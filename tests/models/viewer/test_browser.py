@@ -5,6 +5,7 @@ import io
 from dataclasses import replace
 from itertools import pairwise, product
 
+import campaign
 import numpy as np
 import pytest
 from matplotlib.image import imread
@@ -21,8 +22,6 @@ from trussflow.models.robots.visuals import Visual
 from trussflow.models.viewer import Section, movie, replay, scene_panel, still
 from trussflow.models.viewer.scene import frame_rods
 from trussflow.models.viewer.solids import box_of
-
-campaign = pytest.mark.campaign
 
 TOLERANCE = 1e-6  # m; coordinates of the root are float64, joints and modes float32
 
@@ -132,7 +131,7 @@ def test_nothing_is_asked_of_a_network(window, page_file):
     ]
 
 
-@pytest.mark.parametrize("attitude", [pytest.param(EULER, marks=campaign), QUATERNION])
+@pytest.mark.parametrize("attitude", [campaign.only(EULER), QUATERNION])
 def test_positions_of_any_truss(opened, random_system, make_run, tmp_path, attitude):
     dynamics = random_system((2, "RPRRP", ""), 4, elastic_integrals=True)
     pose = Pose(fixed_rotation(np.array([0.3, -1.0, 2.0])), np.array([0.1, 0.2, -0.3]))
@@ -175,7 +174,7 @@ def check_visible(page, *names, least=1000):
     assert changes(pixels(page), before) == 0
 
 
-@pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=campaign)])
+@pytest.mark.parametrize("scheme", ["light", campaign.only("dark")])
 def test_all_of_it_is_seen_and_moves(window, scheme):
     page = window.page
     page.emulate_media(color_scheme=scheme)
@@ -200,7 +199,7 @@ def test_all_of_it_is_seen_and_moves(window, scheme):
     assert window.complaints == []
 
 
-@pytest.mark.parametrize("camera", ["oblique", pytest.param("side", marks=campaign)])
+@pytest.mark.parametrize("camera", ["oblique", campaign.only("side")])
 def test_bodies_are_where_a_pinhole_camera_sees_them(opened, page_file, camera):
     """The red pixels of the thrusts extend as far as the projections of both ends of the arrows."""
     window = opened(900, 700)
@@ -389,7 +388,7 @@ def test_a_damaged_page_says_so(opened, page_file, tmp_path):
     )
 
 
-@campaign
+@pytest.mark.campaign
 def test_a_run_that_went_far_is_still_seen(opened, truss, run, tmp_path):
     """The picture follows the truss, or all of it would be a dot, and shows the charts to the end."""
     values = run["truss.coordinates"].values.copy()
@@ -404,7 +403,7 @@ def test_a_run_that_went_far_is_still_seen(opened, truss, run, tmp_path):
     assert window.complaints == []
 
 
-@campaign
+@pytest.mark.campaign
 def test_what_cannot_be_shown_is_no_picture(page_file, tmp_path):
     picture, damaged, other = (
         tmp_path / name for name in ("none.png", "damaged.html", "other.html")

@@ -51,7 +51,7 @@ def test_of_a_linear_plant_the_response_matrix_is_that_of_linearize():
     assert found.complex.shape == (3, 2, OMEGA.size)
     assert_near(found.complex, exact.complex, 1e-7)
     # moved by half a line of five at most
-    assert_allclose(found.omega, OMEGA, rtol=0.1, atol=0)
+    assert_allclose(found.omega, OMEGA, rtol=0.1)
     assert found.standard_error.shape == (3, 2, OMEGA.size)
     assert found.standard_error.max() < 1e-7
     assert isinstance(found, control.FrequencyResponseData)
@@ -173,7 +173,7 @@ def test_a_loop_gain_follows_from_the_response_of_the_closed_loop():
     )
     T = -np.ravel(found.complex)
     loop = loop_transfer(diagram, plant.u).frequency_response(found.omega).complex
-    assert_allclose(T / (1 - T), np.ravel(loop), rtol=1e-5, atol=0)
+    assert_allclose(T / (1 - T), np.ravel(loop), rtol=1e-5)
     assert np.isnan(found.standard_error).all()  # one realization does not say
 
 

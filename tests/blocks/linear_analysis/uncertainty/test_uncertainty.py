@@ -62,7 +62,7 @@ def test_a_spring_is_softest_where_its_stiffness_is_least():
 def test_no_member_is_beyond_the_bound_and_one_is_near():
     model = model_of(stiffness=0.1, damping=0.5, mass=0.05)
     assert model.misfit < 0.01
-    omega = np.array([0.5, 1.6, 1.8, 2.0, 2.2, 5.0])
+    omega = np.array([0.5, 1.8, 2.2])
     found, sampled = (
         worst_gain(model, omega, tolerance=TOLERANCE, boxes=4000),
         gains(model, omega, 3000),
