@@ -232,7 +232,6 @@ def test_initial_states_that_depend_on_other_members_are_solved(members):
             NameLookupError,
             r"no parameter 'no\.p': .* no block 'no'",
         ),
-        ({"parameters": {"plant.p": 1.0}}, NameLookupError, r"no parameter 'plant\.p'"),
         (
             {"parameters": {"total.gain": np.nan}},
             ParameterError,

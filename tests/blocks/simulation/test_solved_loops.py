@@ -375,11 +375,6 @@ def test_python_blocks_behind_a_loop_are_not_iterated_with_it():
     assert_near(calls[-3:], 1.0, ROUND_OFF)
 
 
-def test_a_start_that_is_finite_finds_a_solution(backend):
-    (y,) = values(root_of_two(), "law.y", backend=backend, initial={"law.y": 1.0})
-    assert_allclose(y, np.sqrt(2.0), rtol=1e-15)
-
-
 def test_loops_are_refused_unless_their_diagram_says_so():
     """A diagram speaks for what is inside, not for what goes around outside."""
     inner = Diagram("inner", loops="solve")

@@ -47,15 +47,6 @@ def missing_impulse(result, step=0.1):
     return step * np.cumsum((result["demand"] - result["wrench"]).values[:-1], axis=0)
 
 
-@pytest.mark.parametrize("kind", SETS)
-@given(wrench=wrenches)
-def test_thrusts_make_the_wrench(kind, wrench):
-    thrusters = SETS[kind]()
-    thrusts = thrusters.thrusts(wrench)
-    assert thrusts.min() >= -ROUND_OFF
-    assert_near(thrusters.matrix @ thrusts, wrench, ROUND_OFF)
-
-
 @given(seed=seeds)
 def test_any_layout_is_exact_or_an_error(seed):
     """Few or many, near or far, opposed or not: an error where a linear programme has no solution."""
