@@ -297,7 +297,7 @@ FAULTS = (
     Fault("models/plant/space_truss.py", "tests/models/plant/test_energy_audit.py",
           "power of the modal damping",
           "(2 * p.damping_ratio * omega * x.v[rigid:])", "(p.damping_ratio * omega * x.v[rigid:])"),
-    Fault("blocks/linear_analysis/modal_table.py", "tests/studies/test_modes.py",
+    Fault("blocks/linear_analysis/modal_table.py", "tests/blocks/linear_analysis/test_linearize.py",
           "left eigenvectors are not conjugated",
           "found[1].T.conj()", "found[1].T"),
     Fault("models/truss/natural_frequencies.py", "tests/models/truss/test_natural_frequencies.py",

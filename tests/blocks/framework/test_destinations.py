@@ -62,9 +62,7 @@ def test_temporary_folders_are_named_and_made_anew():
         "shutil.rmtree(process_folder())\n"
         "print(process_folder().is_dir(), tempfile.gettempdir())"
     )
-    said = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    ).stdout
+    said = subprocess.check_output([sys.executable, "-c", code], text=True)
     first, made, place = said.replace("\n", " ").rpartition(" True ")
     assert (first, made) == (
         f"(temporary files are in '{place.strip()}'): full",

@@ -262,10 +262,8 @@ def test_import_is_light(code, allowed):
         "xarray",
     }
     code += f"; import sys; print(*{heavy} & sys.modules.keys())"
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    )
-    assert set(done.stdout.split()) <= allowed
+    done = subprocess.check_output([sys.executable, "-c", code], text=True)
+    assert set(done.split()) <= allowed
 
 
 AROUND = {"lower": -1.0, "upper": 1.0, "spread": np.eye(2), "effectiveness": P}

@@ -86,13 +86,8 @@ simulate(allocation, 2.0, step=0.1, backend="compiled", progress=False)
 def test_simulations(code, printed, tmp_path):
     libraries = []
     for name in ("libasan.so", "libubsan.so"):
-        found = subprocess.run(
-            ["cc", f"-print-file-name={name}"],
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        libraries.append(found.stdout.strip())
+        found = subprocess.check_output(["cc", f"-print-file-name={name}"], text=True)
+        libraries.append(found.strip())
     if not all(map(os.path.isabs, libraries)):
         pytest.skip("the compiler has no sanitizers")
     environment = os.environ | {

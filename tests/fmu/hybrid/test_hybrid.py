@@ -126,9 +126,7 @@ int main(void) {{
     subprocess.run(
         ["cc", "-std=c99", "-O1", "-o", program, main, path, "-lm"], check=True
     )
-    printed = subprocess.run(
-        [program], check=True, capture_output=True, text=True
-    ).stdout
+    printed = subprocess.check_output([program], text=True)
     case.check([float(word) for word in printed.split()])
 
 

@@ -1,15 +1,15 @@
 """Operations that an evaluation of the equations takes, and how they grow with robots, joints and modes."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from sources import MISSIONS
 
 from trussflow.blocks import Diagram, Simulator
 from trussflow.models import Frame, RobotArm, SpaceTruss, TrussDynamics, reduced_modes
 
-RING = Path(__file__).parents[3] / "examples" / "missions" / "ring.toml"
+RING = MISSIONS / "ring.toml"
 
 
 def arm_of(joints):

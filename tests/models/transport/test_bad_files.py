@@ -6,11 +6,11 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from sources import MISSIONS
 
 from trussflow.models import ModelError, shipped_file
 from trussflow.models.transport import MissionFile
 
-EXAMPLES = Path(__file__).parents[3] / "examples" / "missions"
 BAD = tomllib.loads(
     (Path(__file__).parents[1] / "data" / "bad_files.toml").read_text(encoding="utf-8")
 )["bad"]
@@ -63,7 +63,7 @@ log_every = 10
 def mission(tmp_path):
     """Return a mission of a boom with another robot at each grasp, beside its files."""
     for name in ("boom.toml", "walker.urdf"):
-        shutil.copy(EXAMPLES / name, tmp_path)
+        shutil.copy(MISSIONS / name, tmp_path)
     shutil.copy(shipped_file("robot_arm_jaco.toml"), tmp_path / "jaco.toml")
     path = tmp_path / "mission.toml"
     path.write_text(MISSION, encoding="utf-8")

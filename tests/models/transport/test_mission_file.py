@@ -1,17 +1,16 @@
 """Missions as files: those of the source, one that a user begins with, and what is refused."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from sources import MISSIONS
 from systems import assert_near
 
 from trussflow.models import ModelError, RobotArm, shipped_file
 from trussflow.models.transport import Mission, MissionFile
 
-EXAMPLES = Path(__file__).parents[3] / "examples" / "missions"
 TABLES = "structure", "robots", "path", "controller", "hardware", "simulation"
 NEW = shipped_file("new_mission.toml").read_text(encoding="utf-8")
 
@@ -157,7 +156,7 @@ def test_hardware_of_another_rate_than_the_law(tmp_path):
 def boom(tmp_path):
     """Return a mission of a boom with another robot at each grasp, beside its files."""
     for name in ("boom.toml", "walker.urdf"):
-        (tmp_path / name).write_bytes((EXAMPLES / name).read_bytes())
+        (tmp_path / name).write_bytes((MISSIONS / name).read_bytes())
     path = tmp_path / "mission.toml"
     path.write_text(BOOM, encoding="utf-8")
     return path
@@ -210,7 +209,7 @@ def test_each_robot_has_a_table_of_its_own(boom):
     flown = MissionFile.read(boom, hardware={"kind": "flight"})
     walker, literal = flown.truss.dynamics.arms
     held = RobotArm.from_urdf(
-        EXAMPLES / "walker.urdf", hand="hand", base="base", locked={"lift": np.pi / 6.0}
+        MISSIONS / "walker.urdf", hand="hand", base="base", locked={"lift": np.pi / 6.0}
     )
     turned = held.hand_rotation[:, [1, 0, 2]] * [1.0, -1.0, 1.0]
     inertia = held.base_inertia * (50.0 / held.base_mass)

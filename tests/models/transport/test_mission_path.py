@@ -1,17 +1,15 @@
 """What mission files say of their path, of what is uncertain, and of what is logged."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from sources import MISSIONS
 from systems import assert_near
 
 from trussflow.blocks import Session
 from trussflow.models import QUATERNION, FreeModes, ModelError
 from trussflow.models.transport import MissionFile
 
-EXAMPLES = Path(__file__).parents[3] / "examples" / "missions"
-BOOM = (EXAMPLES / "boom_mission.toml").read_text(encoding="utf-8")
+BOOM = (MISSIONS / "boom_mission.toml").read_text(encoding="utf-8")
 VIA = 'through_position = "[[0, 0.3, 0.5]] m"\nthrough_attitude = "[[0, 0, 5]] deg"\n'
 DURATION_TOLERANCE = 1e-6
 """What linear programmes and round-off leave."""
@@ -21,7 +19,7 @@ def boom(tmp_path, path="", more=""):
     """Return the mission of the boom, with other words on its path, and more tables."""
     text = BOOM.replace('duration = "60 s"\n', path or 'duration = "60 s"\n') + more
     for name in ("boom.toml", "walker.urdf", "slider.urdf"):
-        (tmp_path / name).write_bytes((EXAMPLES / name).read_bytes())
+        (tmp_path / name).write_bytes((MISSIONS / name).read_bytes())
     file = tmp_path / "mission.toml"
     file.write_text(text, encoding="utf-8")
     return MissionFile.read(file)

@@ -1,11 +1,10 @@
 """The missions of the examples: structures and robots of one's own, flown for some seconds."""
 
-from pathlib import Path
-
 import campaign
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from sources import MISSIONS
 from systems import actuator_limits
 
 from trussflow.blocks import ShapedTrajectory
@@ -16,8 +15,6 @@ from trussflow.models.dynamics.task_space import to_body
 from trussflow.models.feasibility import FastestPath, fastest
 from trussflow.models.geometry.rotation import euler_rotation
 from trussflow.models.transport import MissionFile, check_run, mean_axes_transport
-
-EXAMPLES = Path(__file__).parents[3] / "examples" / "missions"
 
 DURATION = 3.0  # s
 # Noise of 1e-4 on everything measured, and thrust in steps of 0.1 N.
@@ -33,7 +30,7 @@ OTHERS = map(campaign.only, ("antenna", "ring")[: campaign.SIZE])
 def file(request):
     if request.param == "antenna":
         pytest.importorskip("pyyeti", reason="pyyeti reads Nastran's files")
-    return EXAMPLES / f"{request.param}_mission.toml"
+    return MISSIONS / f"{request.param}_mission.toml"
 
 
 @pytest.fixture(scope="module")
@@ -137,7 +134,7 @@ def test_the_boom_follows_the_fastest_path_of_half_its_strength():
     """Shaped for its first mode, of which less than half the vibration is left."""
     left = []
     for shaped in (False, True):
-        boom = MissionFile.read(EXAMPLES / "boom_mission.toml")
+        boom = MissionFile.read(MISSIONS / "boom_mission.toml")
         truss = boom.truss
         half = actuator_limits(
             truss.dynamics, force=2.5, base_torque=0.15, joint_torque=0.15

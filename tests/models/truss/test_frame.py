@@ -6,18 +6,18 @@ import tomllib
 from functools import reduce
 from math import pi
 from operator import getitem
-from pathlib import Path
 
 import campaign
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from sources import MISSIONS
 from systems import assert_near
 
 from trussflow.models import Frame, ModelError, ParameterTable, reduced_modes
 
 ROUND_OFF = 1e-12
-BOOM = Path(__file__).parents[3] / "examples" / "missions" / "boom.toml"
+BOOM = MISSIONS / "boom.toml"
 
 TEXT = """
 [nodes]
