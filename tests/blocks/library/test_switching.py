@@ -154,7 +154,7 @@ def test_condition_that_holds_at_the_start_ends_a_run_when_it_holds_again(settin
     d = integrated(Sine(phase=np.pi / 2))
     (d.block.y > 0.5) >> d.add("stop", StopWhen())
     ended = run(d, 2.0, settings).attrs["ended"]
-    assert float(ended.split()[-2]) == pytest.approx(5 / 6, rel=0, abs=LOCATION_ERROR)
+    assert float(ended.split()[-2]) == pytest.approx(5 / 6, abs=LOCATION_ERROR)
 
 
 @over_solvers
