@@ -23,11 +23,12 @@ PEERS = sorted(
 )
 DATA = (".toml", ".urdf", ".bdf", ".op4")
 ELSEWHERE = {
-    *("03_sampled_control", "04_fmu", "05_thousands_of_runs"),
-    *("antenna_mission", "identify_damping", "ring_mission"),
-    *("pid", "live_transport", "own_frame", "own_robot", "hardware"),
+    *("02_linearize_and_margins", "03_sampled_control", "04_fmu"),
+    *("05_thousands_of_runs", "identify_damping", "pid", "cosimulation"),
+    *("antenna_mission", "ring_mission", "live_transport"),
+    *("own_frame", "own_robot", "hardware"),
 }
-"""Examples of over 4 s whose functions other tests call. `make docs` runs them, as all examples."""
+"""Examples of over 3 s whose functions other tests call. `make docs` runs them, as all examples."""
 MAX_LINES = 60
 MAX_TUTORIAL_LINES = 90
 """Tutorials are the numbered examples; they explain several steps."""

@@ -25,11 +25,11 @@ from flight.samples import deviations, sample_parameters
 
 @pytest.mark.usefixtures("plant")
 def test_a_sample_is_the_run_of_its_truss(tmp_path):
-    campaign = replace(all_campaigns(2)[0], duration=0.3)
+    campaign = replace(all_campaigns(2)[0], duration=0.1)
     modes = LAWS["published"].truss().dynamics.modes.modes
     found = with_uncertainties(campaign.run(tmp_path, executor="serial"), modes)
     parameters = sample_parameters(LAWS["published"].truss(), FIRST_SEED + 1)
-    run = law_simulator("published").run(0.3, parameters=parameters)
+    run = law_simulator("published").run(0.1, parameters=parameters)
     assert {name: float(found[name][1]) for name in errors(run)} == errors(run)
     assert float(found["payload"][1]) == deviations(FIRST_SEED + 1, modes)["payload"]
     assert found["position"][0] != found["position"][1]
