@@ -6,6 +6,12 @@ import pytest
 from trussflow.blocks import Block, Constant, Diagram, Signals, simulate
 
 
+@pytest.fixture(params=["numpy", "interpreted", "compiled"])
+def backend(request):
+    """Return each backend in turn."""
+    return request.param
+
+
 @pytest.fixture(scope="session")
 def evaluate():
     """Return the outputs of one block at one instant, in plain NumPy."""

@@ -216,6 +216,12 @@ class Instance:
             self.fmu = None
 
 
+@pytest.fixture(params=["2.0", "3.0"])
+def version(request):
+    """Return each version of FMI in turn."""
+    return request.param
+
+
 @pytest.fixture
 def instance(tmp_path_factory):
     """Return a function that instantiates an FMU; all instances are freed at the end."""

@@ -69,7 +69,6 @@ def test_traced_solution_keeps_to_the_structure_of_the_matrix():
     assert_array_equal(ca.DM(pattern, 1).full(), [[1, 0], [1, 0], [0, 1], [0, 1]])
 
 
-@pytest.mark.parametrize("backend", ["interpreted", "compiled", "numpy"])
 @pytest.mark.parametrize(
     "rows",
     [

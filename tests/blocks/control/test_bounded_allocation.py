@@ -259,7 +259,6 @@ def test_slope_by_weights():
     assert np.max(np.abs(model.D)) > 0.01
 
 
-@pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
 @pytest.mark.parametrize(
     ("name", "after"),
     [("lower", [1.0, -1.0]), ("spread", [[-1.0]]), ("demand", [-1.0])],

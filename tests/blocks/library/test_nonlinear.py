@@ -37,7 +37,6 @@ def test_saturation_clips_and_dead_zone_passes_the_rest(u, limits, evaluate):
     assert_near(rest + limited, u, 1e-14)
 
 
-@pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
 def test_saturation_does_not_hide_nan(backend, respond):
     """The minimum of CasADi's interpreter would: of a number and NaN it returns the number."""
     undefined = Function(

@@ -57,7 +57,6 @@ def test_ground_is_zero_in_the_shape_and_unit_asked_for(respond):
     assert result["u_source.y"].attrs["units"] == "N"
 
 
-@pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
 @pytest.mark.parametrize(
     ("step", "time"), [(0.1, 0.3), (0.3, 0.9), (0.01, 0.57), (1 / 3, 1.0)]
 )

@@ -15,8 +15,6 @@ from trussflow.blocks.simulation.simulator import Simulator, simulate
 from trussflow.blocks.tracing import compiler
 from trussflow.blocks.tracing.plan import Plan
 
-BACKENDS = ("numpy", "interpreted", "compiled")
-
 
 class Decay(Block):
     y = Output((2,))
@@ -48,7 +46,6 @@ class Lag(Block):
         return {"x": u.u}
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
 def test_tunable_parameters_never_recompile(backend, monkeypatch):
     calls = []
     compile_library = compiler.compile_library

@@ -16,7 +16,6 @@ from trussflow.blocks import (
     simulate,
 )
 
-BACKENDS = ("numpy", "interpreted", "compiled")
 STEP = 0.01
 CHANNEL_COUNT = 50
 SHOWN = {
@@ -42,7 +41,6 @@ def products(seed):
 
 
 @seeds
-@pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("block", SHOWN)
 def test_difference_from_a_block_that_shows_its_input_is_zero(block, backend, seed):
     diagram, product, limits = products(seed)
@@ -56,7 +54,6 @@ def test_difference_from_a_block_that_shows_its_input_is_zero(block, backend, se
 
 
 @seeds
-@pytest.mark.parametrize("backend", BACKENDS)
 def test_zone_of_a_product_is_dead(backend, seed):
     diagram, product, limits = products(seed)
     zone = diagram.add(zone=DeadZone(-2.0 * limits, 2.0 * limits))
@@ -64,7 +61,6 @@ def test_zone_of_a_product_is_dead(backend, seed):
     assert not simulate(diagram, 2.0, step=STEP, backend=backend)["zone.y"].any()
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
 def test_product_used_twice_in_an_equation_is_rounded_once(backend):
     def excess(u):
         product = 0.1 * u

@@ -172,7 +172,6 @@ def test_linear_models_keep_modes(cases):
     assert point.states["ball.bounces"] == -1.0
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_model_descriptions(cases, version, exported):
     """One indicator; the mode is a discrete variable, which nobody can set."""
     about = read_model_description(

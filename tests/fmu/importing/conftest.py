@@ -206,6 +206,18 @@ def compiled(folder, *flags):
     return found
 
 
+@pytest.fixture(params=[2, 3])
+def version(request):
+    """Return each version of FMI in turn."""
+    return request.param
+
+
+@pytest.fixture(params=["cs", "me"])
+def kind(request):
+    """Return each kind of FMU in turn."""
+    return request.param
+
+
 @pytest.fixture(scope="session")
 def binaries(tmp_path_factory):
     """Return the compiled model, for both versions of FMI."""

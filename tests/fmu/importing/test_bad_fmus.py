@@ -22,7 +22,6 @@ from trussflow.fmu import (
 )
 from trussflow.fmu.runtime import archive
 
-versions = pytest.mark.parametrize("version", [2, 3])
 LIBRARY = f"binaries/{fmpy.platform}/model{fmpy.sharedLibraryExtension}"
 
 
@@ -252,7 +251,6 @@ def test_descriptions_that_are_refused(make_fmu, model, version, old, new, messa
         Fmu(make_fmu(model, version, replace={old: new}))
 
 
-@versions
 def test_derivatives_that_nobody_needs_may_be_wrong(make_fmu, version):
     """States are for model exchange alone."""
     state = "1" if version == 2 else "0"
@@ -266,7 +264,6 @@ def test_derivatives_that_nobody_needs_may_be_wrong(make_fmu, version):
         Fmu(path, kind="me")
 
 
-@versions
 def test_units_that_do_not_fit(make_fmu, version):
     """An FMU whose metre is a foot: the name means something else there than here."""
     path = make_fmu(
@@ -286,7 +283,6 @@ def test_units_that_do_not_fit(make_fmu, version):
 # -- binaries -----------------------------------------------------------------------------------
 
 
-@versions
 def test_a_missing_platform(make_fmu, version):
     folder = fmpy.platform if version == 2 else fmpy.platform_tuple
     here = LIBRARY.replace(fmpy.platform, folder)
@@ -307,7 +303,6 @@ def test_a_kind_that_is_not_there(make_fmu):
         Fmu(make_fmu("ball", kinds=("me",)), kind="cs")
 
 
-@versions
 def test_a_wrong_token(make_fmu, version):
     token = "guid" if version == 2 else "instantiationToken"
     path = make_fmu("ball", version, replace={f'{token}="ball"': f'{token}="bell"'})
@@ -327,8 +322,6 @@ def test_a_file_that_was_written_anew(make_fmu):
 # -- failing calls ------------------------------------------------------------------------------
 
 
-@versions
-@pytest.mark.parametrize("kind", ["cs", "me"])
 def test_a_failing_initialization(make_fmu, version, kind):
     """The error has the FMU's own text, with what C's printf would write into it."""
     given = {"fault": 1, "text": "too much fuel"}
@@ -343,7 +336,6 @@ def test_a_failing_initialization(make_fmu, version, kind):
     assert caught.value.status == 3
 
 
-@versions
 @pytest.mark.parametrize(
     ("fault", "text", "more", "status"),
     [
@@ -373,14 +365,12 @@ def test_a_failing_step(make_fmu, version, fault, text, more, status):
     assert caught.value.status == status
 
 
-@versions
 def test_discarded_steps_that_cannot_be_shorter(make_fmu, version):
     path = make_fmu("ball", version, replace={'StepSize="true"': 'StepSize="false"'})
     with pytest.raises(FmuCallError, match="and does not take smaller ones"):
         run(Fmu(path, step=0.1, parameters={"fault": 5}))
 
 
-@versions
 @pytest.mark.parametrize(
     ("fault", "limit", "error", "text"),
     [

@@ -24,8 +24,6 @@ from trussflow.blocks.errors import RunEndedError
 from trussflow.fmu import Fmu, FmuError
 
 SOLVERS = ("rk4", "RK45", "DOP853", "LSODA", "BDF", "Radau")
-versions = pytest.mark.parametrize("version", [2, 3])
-kinds = pytest.mark.parametrize("kind", ["cs", "me"])
 
 # Parabolas are exact for methods of order two and above but for round-off; the multistep
 # methods start with order one and keep to their tolerance.
@@ -59,7 +57,6 @@ def in_diagram(block):
     return diagram
 
 
-@versions
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_a_ball_bounces_at_the_right_times(make_fmu, version, solver):
     ball = made(make_fmu("ball", version), "me")
@@ -77,7 +74,6 @@ def test_a_ball_bounces_at_the_right_times(make_fmu, version, solver):
     assert result["fmu.bounces"][-1] == 4  # at 0.45, 1.08, 1.53 and 1.84 s
 
 
-@versions
 @pytest.mark.parametrize("solver", ["rk4", "euler", "RK45", "LSODA", "Radau"])
 def test_a_stair_steps_at_the_right_times(make_fmu, version, solver):
     """The integral of the stair is exact for any solver that stops at its time events."""
@@ -89,7 +85,6 @@ def test_a_stair_steps_at_the_right_times(make_fmu, version, solver):
     assert result["integral.y"][-1].item() == pytest.approx(0.65 + 0.3, abs=1e-9)
 
 
-@versions
 @pytest.mark.parametrize("solver", ["rk4", "DOP853"])
 def test_inputs_that_jump_at_an_instant_are_events(make_fmu, version, solver):
     """A relay that reads u at events only, fed by a sampled Python block, and a sampled discrete input.
@@ -138,7 +133,6 @@ def test_events_inside_co_simulation(make_fmu, version, flags):
     assert_array_equal(result["stair.y"][[3, 4, 7, 8, 20]], [0, 1, 2, 2, 5])
 
 
-@versions
 def test_linear_analysis_settles_discrete_states(make_fmu, version):
     """In x' = -x + r + d the relay r follows u at events only: each point of an analysis has one."""
     relay = made(make_fmu("relay", version), "me")
@@ -150,8 +144,6 @@ def test_linear_analysis_settles_discrete_states(make_fmu, version):
         assert_near(linearize(diagram, at=point).B, [[0.0, 1.0]], 1e-9)
 
 
-@versions
-@kinds
 def test_a_session_goes_back_before_a_bounce(make_fmu, version, kind):
     """A restored snapshot gives the same to the last bit, hidden counters included."""
     with Session(made(make_fmu("ball", version), kind), step=0.1) as session:
@@ -168,7 +160,6 @@ def test_a_session_goes_back_before_a_bounce(make_fmu, version, kind):
         assert session.outputs["bounces"] == 3
 
 
-@versions
 def test_a_session_goes_back_before_a_time_event_and_a_discrete_input(
     make_fmu, version
 ):
@@ -193,8 +184,6 @@ def test_a_session_goes_back_before_a_time_event_and_a_discrete_input(
         assert session.outputs["x"] == 0
 
 
-@versions
-@kinds
 def test_states_that_are_no_bytes_serve_their_own_run(make_fmu, version, kind):
     """Such states are handles; one from before the first instant needs none."""
     word = "state" if version == 2 else "State"
@@ -216,8 +205,6 @@ def test_states_that_are_no_bytes_serve_their_own_run(make_fmu, version, kind):
             session.restore(snapshot)
 
 
-@versions
-@kinds
 def test_a_run_may_begin_at_another_time(make_fmu, version, kind):
     """The stair counts its periods from the start: first at 2.35 s."""
     values = []
@@ -229,8 +216,6 @@ def test_a_run_may_begin_at_another_time(make_fmu, version, kind):
     assert values == [0, 1, 2]
 
 
-@versions
-@kinds
 @pytest.mark.parametrize("runs", [simulate, cosimulate])
 def test_an_fmu_may_end_the_run(make_fmu, version, kind, runs):
     """It may discard the step to 0.6 s, or end after it: that row is logged like any other."""
@@ -257,7 +242,6 @@ def test_an_fmu_may_end_the_run(make_fmu, version, kind, runs):
     assert_array_equal(runs(ending, 0.6, step=0.1)["fmu.h"], whole["fmu.h"])
 
 
-@versions
 def test_a_run_may_stop_where_an_event_ends_it(make_fmu, version):
     """The second step of the stair, at 0.7 s, asks to end: there the run stops, or goes no further."""
     diagram = in_diagram(

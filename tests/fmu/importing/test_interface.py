@@ -16,8 +16,6 @@ from trussflow.fmu.importing.unit_table import UnitTable
 from trussflow.fmu.runtime.array_ports import gather, legal_names
 from trussflow.fmu.runtime.description import FmuDescription, FmuVariable
 
-versions = pytest.mark.parametrize("version", [2, 3])
-kinds = pytest.mark.parametrize("kind", ["cs", "me"])
 ZEROS = {"u": 0.0, "number": 0.0, "flag": 0.0}
 
 
@@ -277,7 +275,6 @@ def ball(make_fmu, version, kind, **settings):
 
 
 @pytest.mark.parametrize(("version", "time_limit"), [(2, None), (3, None), (3, 20.0)])
-@kinds
 def test_parameters_and_start_values(make_fmu, version, kind, time_limit):
     """A ball on the moon, let go at 2 m with 1 m/s: a parabola; by name, by run, and tuned."""
     moon = {
@@ -294,8 +291,6 @@ def test_parameters_and_start_values(make_fmu, version, kind, time_limit):
         assert_near(result["fmu.h"], 2 + t - g * t**2 / 2, 1e-12)
 
 
-@versions
-@kinds
 def test_parameters_may_be_tuned(make_fmu, version, kind):
     """Gravity ends at 0.2 s; from there on the ball keeps its speed."""
     with Session(ball(make_fmu, version, kind), step=0.1) as session:

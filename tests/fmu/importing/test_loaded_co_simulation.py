@@ -22,8 +22,6 @@ from trussflow.fmu.runtime.loaded_co_simulation import LoadedCoSimulation
 from trussflow.fmu.runtime.loaded_model_exchange import LoadedModelExchange
 from trussflow.fmu.runtime.saved_states import HeldState
 
-versions = pytest.mark.parametrize("version", [2, 3])
-
 
 @pytest.fixture
 def loaded(make_fmu):
@@ -39,7 +37,6 @@ def loaded(make_fmu):
         yield make
 
 
-@versions
 def test_a_state_is_saved_and_restored(loaded, version):
     """By handle and by bytes, in the same instance and in another; the handle stays valid."""
     slave, other = (loaded(version=version) for _ in "ab")
@@ -78,7 +75,6 @@ def test_inputs_of_events_are_set_again_after_a_state_is_restored(loaded):
     slave.free_state(state)
 
 
-@versions
 def test_an_fmu_that_cannot_save_says_so(loaded, version):
     word = "state" if version == 2 else "State"
     cannot = {f'canGetAndSetFMU{word}="true" canSerializeFMU{word}="true"': ""}
@@ -104,7 +100,6 @@ def test_early_return_has_time_and_event(loaded):
     assert (done.early, done.event, done.time) == (False, False, 1.0)
 
 
-@versions
 def test_a_discarded_step_has_its_last_time(loaded, version):
     slave = loaded(version=version, start={"fault": 6, "hmax": 0.1})
     done = slave.do_step(0.0, 0.2)
@@ -112,7 +107,6 @@ def test_a_discarded_step_has_its_last_time(loaded, version):
     assert slave.do_step(0.0, 0.1) == (0.1, False, False, False, False)
 
 
-@versions
 def test_dependencies(make_fmu, version):
     expected = {"y": ("u",), "next": ("number",), "inverse": ("flag",)}
     expected |= {"out": ("in_",)} if version == 3 else {}
@@ -125,7 +119,6 @@ def test_dependencies(make_fmu, version):
     assert unknown.feedthrough()["y"] == tuple(p.name for p in unknown.inputs())
 
 
-@versions
 def test_setup_begins_anew(loaded, version):
     slave, found = loaded(version=version), []
     for _ in range(2):
@@ -137,7 +130,6 @@ def test_setup_begins_anew(loaded, version):
     slave.close()  # again: does nothing
 
 
-@versions
 def test_one_instance_per_process(make_fmu, version):
     path = make_fmu("ball", version, flags='canBeInstantiatedOnlyOncePerProcess="true"')
     with LoadedCoSimulation(path) as first, LoadedCoSimulation(path) as second:
@@ -155,7 +147,6 @@ def test_inputs_that_are_refused(loaded):
         slave.set_inputs()
 
 
-@versions
 def test_after_an_error_the_instance_is_only_freed(loaded, version):
     """The standards allow no fmi2Terminate then; our model logs it if it comes all the same."""
     slave = loaded(version=version, start={"fault": 2})
@@ -183,7 +174,6 @@ def test_missing_functions_hurt_only_their_callers(loaded):
         loaded(version=3)._library.function("GetString")
 
 
-@versions
 def test_an_instance_in_a_child_process_does_the_same(make_fmu, version):
     file = FmuFile.read(make_fmu("relay", version))
     found = []

@@ -49,7 +49,6 @@ def test_another_session_goes_on_bit_for_bit(
         assert max(heights[0]) > min(heights[0]) + 0.05
 
 
-@pytest.mark.parametrize("kind", ["cs", "me"])
 def test_a_run_is_resumed_bit_for_bit(make_fmu, kind, tmp_path, monkeypatch):
     running = Simulator(bouncing(make_fmu("ball", 2), kind), step=TIME_STEP)
 
@@ -77,7 +76,6 @@ def test_a_run_is_resumed_bit_for_bit(make_fmu, kind, tmp_path, monkeypatch):
     xr.testing.assert_equal(result("stopped"), result("whole"))
 
 
-@pytest.mark.parametrize("kind", ["cs", "me"])
 def test_fmus_that_cannot_be_written_down_say_why(make_fmu, kind, tmp_path):
     """In one process they go back all the same, if they can do that."""
     held = make_fmu("ball", 2, replace={'canSerializeFMUstate="true"': ""})

@@ -18,7 +18,6 @@ from trussflow.fmu.runtime.library import Library
 from trussflow.fmu.runtime.library3 import Library3
 from trussflow.fmu.runtime.variable_buffers import VariableBuffers
 
-versions = pytest.mark.parametrize("version", [2, 3])
 VARIABLE = FmuVariable("a", 0, "Real", "input", "continuous", "", "0", "", ())
 
 
@@ -97,7 +96,6 @@ def test_whole_numbers_that_no_float_is_are_refused(make_fmu, value):
         Fmu(path, kind="cs", step=0.1, start={"number": value})
 
 
-@versions
 @pytest.mark.parametrize("name", ["number", "flag", "fault"])
 def test_fractions_of_what_is_whole_are_refused(make_fmu, version, name):
     """They were refused in a run only, and written to SSP without the fraction."""
@@ -123,7 +121,6 @@ def test_states_of_size_zero(make_fmu):
     assert simulate(diagram, 0.2, step=0.1)["fmu.y"].values.tolist() == [3.0, 3.0, 3.0]
 
 
-@versions
 @pytest.mark.parametrize("solver", ["rk4", "DOP853"])
 def test_discrete_inputs_come_with_the_others(make_fmu, version, solver):
     """Discrete inputs must not arrive one step later than continuous ones."""
@@ -141,7 +138,6 @@ def test_discrete_inputs_come_with_the_others(make_fmu, version, solver):
         assert_array_equal(result[f"fmu.{name}"], before + change * after)
 
 
-@versions
 @pytest.mark.parametrize("every", [None, 0.1])
 def test_an_fmu_begins_with_what_python_blocks_show(make_fmu, version, every):
     """It was initialized with zeros, which may not be allowed, and followed them at the start."""
@@ -161,7 +157,6 @@ def test_an_fmu_begins_with_what_python_blocks_show(make_fmu, version, every):
     ]
 
 
-@versions
 def test_all_states_of_an_fmu_may_be_given(make_fmu, version):
     """It was not initialized then: there was nothing to find out."""
     diagram = Diagram("given")

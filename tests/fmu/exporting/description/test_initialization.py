@@ -87,7 +87,6 @@ def test_blocks_beside_a_circle_are_not_blamed():
     assert "beside" not in str(caught.value)
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_a_chain_starts_right_in_whatever_order_it_was_added(
     version, exported, instance
 ):
@@ -107,7 +106,6 @@ def test_a_chain_starts_right_in_whatever_order_it_was_added(
         ]
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_a_circle_of_blocks_whose_elements_make_none_starts_right(
     version, exported, instance
 ):

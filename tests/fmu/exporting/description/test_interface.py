@@ -143,7 +143,6 @@ def test_unusual_names():
     assert names == {"independent_time": "independent", "ω": "output", "time": "output"}
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_description(version, systems):
     interface = ExportInterface.of(
         systems.Oscillator(2), stop_time=3.0, step=2e-3, tolerance=1e-5

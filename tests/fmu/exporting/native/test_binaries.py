@@ -47,7 +47,6 @@ def test_the_plant_is_valid_and_small(plant_fmu):
     assert plant_fmu.stat().st_size < 2e6
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
 @pytest.mark.parametrize("name", ["Oscillator", "Rotor", "hybrid"])
 def test_small_systems_are_valid_and_simulate_in_every_kind(
     name, version, exported, systems

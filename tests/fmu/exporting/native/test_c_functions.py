@@ -46,7 +46,6 @@ def commands(block):
     return np.asarray(result["block.command"].values)
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_an_fmu_gives_the_same_bits(version, tmp_path):
     path = export(
         rate_bounded(), tmp_path / "allocation.fmu", step=0.05, version=version

@@ -16,9 +16,6 @@ RELATIVE_TOLERANCE = 1e-12
 """Relative to the largest entry: the same derivatives, summed in another order."""
 
 
-versions = pytest.mark.parametrize("version", ["2.0", "3.0"])
-
-
 def jacobians(interface, x, u):
     """Return the Jacobian of (dx, y) with respect to (u, x), from CasADi."""
     programs = [
@@ -64,7 +61,6 @@ class Coupled(Ring):
         return {"x": np.linalg.solve(np.eye(7) + np.outer(x.x, x.x), forces)}
 
 
-@versions
 def test_kernel_and_mass_matrix(version, exported, instance):
     interface, x = ExportInterface.of(Coupled()), np.linspace(0.1, 0.9, 7)
     one = instance(exported(Coupled(), version)).start({"push": 0.7, "x": x})
@@ -220,7 +216,6 @@ class Branches(Block):
         }
 
 
-@versions
 @pytest.mark.parametrize("point", [0.0, -0.25])
 def test_branches_that_are_not_taken_add_nothing(version, point, exported, instance):
     """Infinite slopes there, times seeds of zero, made NaN of all."""
@@ -229,7 +224,6 @@ def test_branches_that_are_not_taken_add_nothing(version, point, exported, insta
     check(one, ExportInterface.of(Branches()), expected)
 
 
-@versions
 def test_slopes_that_are_infinite_are_refused(version, exported, instance):
     block = Function(np.sqrt, **ports(u=(), y=()))
     one = instance(exported(block, version, "root")).start()

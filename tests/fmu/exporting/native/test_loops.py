@@ -20,7 +20,6 @@ from trussflow.blocks import (
 )
 from trussflow.fmu import ExportError, Fmu, FmuError, export
 
-versions = pytest.mark.parametrize("version", ["2.0", "3.0"])
 kinds = pytest.mark.parametrize(
     ("version", "kind"),
     [
@@ -86,7 +85,6 @@ def test_a_solution_is_followed(version, kind, tmp_path):
     assert_near(y, np.linspace(0.0, 20.0, y.size), 1e-12)
 
 
-@versions
 def test_directional_derivatives(version, exported, instance):
     """Derivatives of y by x and w are 1 / (1 + 3 y^2), also at points that no step reached."""
     one = instance(exported(cubic(), version), "me").start({"w": 0.5})

@@ -35,7 +35,6 @@ def test_tunable_parameter_changes_the_run_between_steps(one):
     assert (one.get("der(v)") != before).all()
 
 
-@pytest.mark.parametrize("version", ["2.0", "3.0"])
 def test_tunable_parameter_in_continuous_time_mode(version, make):
     one = make(version, "me").start()
     one.set({"damping": 1.0})  # event mode

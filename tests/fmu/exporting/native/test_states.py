@@ -10,7 +10,6 @@ from numpy.testing import assert_array_equal
 from trussflow.blocks import Block, Input, Output, State
 
 TIME_STEP = 0.01
-versions = pytest.mark.parametrize("version", ["2.0", "3.0"])
 
 
 class Diverging(Block):
@@ -27,7 +26,6 @@ class Diverging(Block):
         return {"x": x.x**8 * u.u}
 
 
-@versions
 def test_a_restored_state_runs_on_bit_by_bit(version, exported, instance, systems):
     """With sampled blocks inside, saved between their instants; also in a second instance."""
     path = exported(systems.hybrid(), version)
@@ -46,7 +44,6 @@ def test_a_restored_state_runs_on_bit_by_bit(version, exported, instance, system
     two.freeFMUState(other)
 
 
-@versions
 def test_bytes_of_another_fmu_are_refused(version, exported, instance, systems):
     one = instance(exported(systems.hybrid(), version)).start()
     two = instance(exported(systems.Oscillator(2), version, "two")).start()

@@ -13,8 +13,6 @@ from trussflow.blocks import Constant, Diagram, Integrator, Step, simulate
 ROUND_OFF = 1e-10
 """Sums in another order, over hundreds of steps."""
 
-versions = pytest.mark.parametrize("version", ["2.0", "3.0"])
-
 
 def in_process(block, value, duration, **log):
     """Run a block with its input held constant, by RK4; log its outputs."""
@@ -44,7 +42,6 @@ def update(one):
     return one.newDiscreteStates() if one.scalar else one.updateDiscreteStates()
 
 
-@versions
 @pytest.mark.parametrize("step", [1e-3, 4e-3, 0.1])
 def test_communication_steps_do_not_matter(step, version, exported, instance, systems):
     expected = in_process(systems.Oscillator(2), np.array([0.3, 0.0]), 1.0)
@@ -72,7 +69,6 @@ def hybrid_in_process(systems, duration):
 HYBRID = ["block.plant.position", "block.hold.y", "block.law.y"]
 
 
-@versions
 def test_sampled_blocks_tick_inside_co_simulation(version, exported, instance, systems):
     times, expected = hybrid_in_process(systems, 1.0)
     one = instance(exported(systems.hybrid(), version)).start({"target": 0.7})
@@ -83,7 +79,6 @@ def test_sampled_blocks_tick_inside_co_simulation(version, exported, instance, s
     assert_near(found, expected, 1e-11)
 
 
-@versions
 def test_sampled_blocks_tick_as_time_events_of_model_exchange(
     version, exported, systems
 ):
@@ -106,7 +101,6 @@ def test_sampled_blocks_tick_as_time_events_of_model_exchange(
 
 
 @pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
-@versions
 def test_a_block_without_states(version, kind, exported, systems):
     name = "y[3]" if version == "2.0" else "y"
     result = simulate_fmu(
@@ -156,7 +150,6 @@ def stepping(jump, **parameters):
     return diagram
 
 
-@versions
 def test_jumps_are_time_events(version, exported):
     """A step in the force at a time that no communication point hits."""
     result = simulate_fmu(
@@ -185,7 +178,6 @@ def test_a_jump_where_a_step_ends_belongs_to_the_step_after(
     assert one.get("y") == pytest.approx(1.0 - jump, abs=1e-14)
 
 
-@versions
 def test_a_jump_of_a_sampled_signal_is_reported(version, exported, instance, systems):
     """Some importers restart the integration only where the FMU reports a changed state."""
     one = instance(exported(systems.hybrid(), version), "me").start()
