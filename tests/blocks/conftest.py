@@ -12,6 +12,12 @@ def backend(request):
     return request.param
 
 
+@pytest.fixture(params=["rk4", "RK45"])
+def solver(request):
+    """Return a solver with fixed steps, and one that adapts them."""
+    return request.param
+
+
 @pytest.fixture(scope="session")
 def evaluate():
     """Return the outputs of one block at one instant, in plain NumPy."""

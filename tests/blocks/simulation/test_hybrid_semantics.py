@@ -153,7 +153,6 @@ def test_updates_are_simultaneous(backend, first, second):
     assert_array_equal(result["b.y"], [2, 1, 2, 1, 2, 1])
 
 
-@pytest.mark.parametrize("solver", ["rk4", "RK45"])
 @pytest.mark.parametrize("gain", [Gain, PythonGain])
 def test_first_sample_is_at_the_offset_and_holds(solver, gain):
     """Before the first instant a sampled output is zero, then what was sampled last."""

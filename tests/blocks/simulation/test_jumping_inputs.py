@@ -60,7 +60,6 @@ class Relay(Block):
         return {"y": ()}
 
 
-@pytest.mark.parametrize("solver", ["rk4", "RK45"])
 @pytest.mark.parametrize("python", [False, True])
 def test_sampled_inputs_that_jump_cause_events(solver, python):
     """Sampled every 0.25 s, a sign that changes at 0.6 s is seen at 0.75 s: 0.75 - 0.25."""
@@ -79,7 +78,6 @@ def test_sampled_inputs_that_jump_cause_events(solver, python):
     assert result["relay.y"].values[-1] == pytest.approx(0.5, abs=1e-12)
 
 
-@pytest.mark.parametrize("solver", ["rk4", "RK45"])
 def test_inputs_set_from_outside_that_jump_cause_events(solver):
     """Also right after going back; at the very start they are what the run begins with."""
     with Session(Relay(), step=0.25, solver=solver) as session:

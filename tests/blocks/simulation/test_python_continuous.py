@@ -204,7 +204,6 @@ class Endless(Stair):
         return EndlessRun([])
 
 
-@pytest.mark.parametrize("solver", ["rk4", "RK45"])
 def test_events_without_end_are_refused(solver):
     diagram = Diagram("endless")
     diagram.add(stair=Endless())
@@ -244,7 +243,6 @@ def test_an_indicator_that_is_zero_at_the_end_of_a_step_is_an_event(solver):
     assert result["ball.height"].values[-1] == pytest.approx(0.5, abs=1e-12)
 
 
-@pytest.mark.parametrize("solver", ["rk4", "RK45"])
 def test_flights_shorter_than_a_step_are_not_missed(solver):
     """Leaving the floor at exactly zero, the ball comes back within the step."""
     diagram, block = ball(0.5)

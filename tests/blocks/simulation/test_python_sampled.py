@@ -112,7 +112,6 @@ def test_self_stepping_plant_may_stand_in_a_direct_loop(backend, python):
     assert_near(result["feedback.y"][:, 1], -2 * 0.8 ** np.arange(11), ROUND_OFF)
 
 
-@pytest.mark.parametrize("solver", ["rk4", "RK45"])
 @pytest.mark.parametrize("where", ["output", "update"])
 @pytest.mark.parametrize(
     ("kind", "cause", "message"),

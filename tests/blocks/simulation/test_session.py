@@ -221,7 +221,6 @@ def test_single_block_with_inputs_at_the_start():
     assert not session.started
 
 
-@pytest.mark.parametrize("solver", ["rk4", "RK45"])
 def test_session_that_begins_later_samples_from_there_on(solver):
     """Sampled every 0.04 s from 0.13 s on, while the equations see the time itself."""
     diagram = loop()

@@ -214,7 +214,6 @@ def test_derivative_that_is_not_finite_at_the_start(solver):
         simulate(diagram, 1.0, solver=solver, backend="interpreted")
 
 
-@pytest.mark.parametrize("solver", ["rk4", "RK45"])
 def test_divergence_of_a_sampled_block(backend, solver):
     with pytest.raises(DivergenceError) as error, np.errstate(invalid="ignore"):
         simulate(counter(), 1.0, step=0.1, log_step=0.1, backend=backend, solver=solver)
@@ -281,7 +280,6 @@ def interrupt(t):
     return t
 
 
-@pytest.mark.parametrize("solver", ["rk4", "RK45"])
 def test_interrupted_run_keeps_its_log(solver):
     diagram = grower()
     ports = {"inputs": {"u": Input()}, "outputs": {"y": Output()}}

@@ -138,7 +138,6 @@ def test_a_saturation_in_the_loop(backend):
     assert np.ptp(y) == 2.0
 
 
-@pytest.mark.parametrize("solver", ["rk4", "RK45"])
 def test_a_switch_in_the_loop(backend, solver):
     """Feedback -y or -3 y, by what the loop itself drives: dx/dt = y is 1/2, from x = 1 on 1/4."""
     diagram = Diagram("switched", loops="solve")
@@ -194,7 +193,6 @@ def test_a_loop_within_one_rate_beside_others(backend):
     assert_near(y, 0.5 * held / 0.75, ROUND_OFF)
 
 
-@pytest.mark.parametrize("solver", ["rk4", "RK45"])
 @pytest.mark.parametrize("start", [1.0, -1.0])
 def test_a_start_chooses_among_solutions_and_is_followed(start, solver):
     """Of y^2 = 1 + t the root of the sign of the start, which the solutions before keep."""
@@ -218,7 +216,6 @@ def test_a_start_chooses_among_solutions_and_is_followed(start, solver):
         values(diagram, "law.y", initial={"law.x": 1.0})
 
 
-@pytest.mark.parametrize("solver", ["rk4", "RK45"])
 def test_a_solution_is_followed_far_from_the_first_start(backend, solver):
     """Of sin(y - 20 t) = 0, the one that moves, not the one nearest to zero."""
     settings = {"step": 0.025, "log_step": 0.1, "rtol": 1e-9, "atol": 1e-9}

@@ -57,7 +57,6 @@ def check_rows(found, whole):
     xr.testing.assert_equal(found, whole.isel(time=slice(found.sizes["time"])))
 
 
-@pytest.mark.parametrize("solver", ["rk4", "RK45"])
 @pytest.mark.parametrize(
     ("numbers", "seconds"),
     [
