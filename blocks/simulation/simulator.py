@@ -215,7 +215,7 @@ class Simulator(Described):
         begin: Fraction = Fraction(0),
         every: Fraction | None = None,
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Return what identifies a run, and the attributes of its result.
+        """Return the identity of a run, and the attributes of its result.
 
         Parameters
         ----------

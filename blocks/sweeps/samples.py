@@ -41,7 +41,7 @@ Model = Diagram | System | Simulator | Callable[..., Any]
 ELEMENT = re.compile(r"(.+?)\[([\d, ]+)\]")
 """An element of an array, such as ``block.parameter[2]``."""
 
-PARAMETERS = 2
+PARAMETER_INDEX = 2
 """Index of the parameters in (x, d, p) [-]."""
 
 MAX_CACHED_SIMULATORS = 8
@@ -327,7 +327,7 @@ class _Place(NamedTuple):
     @property
     def is_parameter(self) -> bool:
         """Whether it is in the vector of parameters."""
-        return self.vector == PARAMETERS
+        return self.vector == PARAMETER_INDEX
 
     @staticmethod
     def of(plan: Plan, name: str) -> _Place:
