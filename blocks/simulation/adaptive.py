@@ -1,172 +1,420 @@
-"""Adaptive and stiff integration between instants, by SciPy."""
+"""Variable steps in Python; compiled code takes the same steps in C (``tracing/variable_step.h``)."""
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Iterator
-from functools import cache
-from itertools import chain
-from typing import TYPE_CHECKING, Any
+import ctypes
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from trussflow.blocks.errors import TrussflowError
-from trussflow.blocks.simulation.events import EventWatch
 from trussflow.blocks.support.interrupts import uninterrupted
 from trussflow.blocks.support.types import Vector
+from trussflow.blocks.tracing import tableaus
+from trussflow.blocks.tracing.tableaus import STIFF_METHOD, tableau
 
 if TYPE_CHECKING:
-    from scipy.integrate import OdeSolver
+    from trussflow.blocks.simulation.executor import Executor
+    from trussflow.blocks.tracing.variable_step import SparseJacobian
 
-METHODS = ("RK45", "DOP853", "LSODA", "BDF", "Radau")
-"""Explicit: RK45, DOP853. Stiff: BDF, Radau. Switching: LSODA."""
+METHODS = (*tableaus.METHODS, "auto")
+"""Solvers with variable steps. Explicit: RK45, DOP853. Stiff: Rodas5P. Automatic choice: auto."""
 
-IMPLICIT = ("BDF", "Radau")
-"""Methods that use the exact Jacobian. LSODA would evaluate it so often that its own differences of
-the compiled derivative are several times cheaper."""
+IMPLICIT = (STIFF_METHOD, "auto")
+"""Solvers that use the Jacobian."""
 
-Function = Callable[[float, Vector], Any]
+AUTOMATIC_START = "DOP853"
+"""Method with which the automatic choice starts."""
+
+SAFETY, MIN_FACTOR, MAX_FACTOR = 0.9, 0.2, 10.0
+"""Factor of the predicted step, and bounds of its change [-]."""
+
+STIFF_STEPS, CALM_STEPS = 15, 6
+"""Number of steps limited by stability after which equations are stiff, and of others that reset it [-]."""
+
+DIFFERENCE = float(np.sqrt(np.finfo(float).eps))
+"""Relative step of difference quotients [-]."""
 
 
 class AdaptiveError(ArithmeticError):
-    """The solver gave up; the arguments are the reason, and the last good time and state."""
+    """The solver gave up; the arguments are the time and state of a derivative that is not finite, or None."""
 
 
-def integrate(
-    method: str,
-    derivative: Function,
-    jacobian: Function | None,
-    span: tuple[float, float],
-    times: Iterator[float],
-    x: Vector,
-    tolerances: tuple[float, float],
-    watch: EventWatch | None,
-    accepted: Callable[[float, Vector, float], Any],
-) -> Iterator[tuple[float, Vector]]:
-    """Integrate over a span; the solver starts anew in each span and after each event.
+class Control(ctypes.Structure):
+    """Settings and state of a run with variable steps, as ``tf_control`` in ``variable_step.h``.
+
+    Attributes
+    ----------
+    t, end : float
+        Time reached, and end of the span [s].
+    h : float
+        Length of the next step; 0 if it is to be chosen [s].
+    rtol, atol : float
+        Tolerances [-, unit of the state].
+    brief : float
+        Length below which steps count as brief [s].
+    failed : float
+        Time at which the derivative was not finite, NaN if it was [s].
+    switched : float
+        Time at which the automatic choice changed to the stiff method, NaN if it did not [s].
+    most : int
+        Largest number of steps of one call [-].
+    wanted, room, rows : int
+        Number of times to log, of rows there is memory for, and of those written by a call [-].
+    steps, rejected, evaluations, factorizations, brief_steps : int
+        Numbers of accepted and of rejected steps, of evaluations of the derivative, of factorizations,
+        and of the last brief steps [-].
+    method : int
+        Index of the method.
+    automatic : int
+        Whether the choice of the method is automatic.
+    begun, stepped : int
+        Whether the span has begun, and whether rows of the last step are to be logged.
+    suspect, calm : int
+        Numbers of steps limited by stability, and of others since [-].
+    """
+
+    _fields_ = (
+        *((name, ctypes.c_double) for name in ("t", "end", "h", "rtol", "atol")),
+        *((name, ctypes.c_double) for name in ("brief", "failed", "switched")),
+        *((name, ctypes.c_longlong) for name in ("most", "wanted", "room", "rows")),
+        *((name, ctypes.c_longlong) for name in ("steps", "rejected", "evaluations")),
+        *((name, ctypes.c_longlong) for name in ("factorizations", "brief_steps")),
+        *((name, ctypes.c_int) for name in ("method", "automatic", "begun")),
+        *((name, ctypes.c_int) for name in ("stepped", "suspect", "calm")),
+    )
+
+    @classmethod
+    def of(cls, solver: str, rtol: float, atol: float, brief: float) -> Control:
+        """Return the control of a run by one of the `METHODS`; other arguments as the attributes."""
+        automatic = solver == "auto"
+        method = AUTOMATIC_START if automatic else solver
+        return cls(
+            rtol=rtol,
+            atol=atol,
+            brief=brief,
+            switched=np.nan,
+            method=tableaus.METHODS.index(method),
+            automatic=automatic,
+        )
+
+    def begin(self, t: float, end: float) -> None:
+        """Begin a span from `t` to `end` [s]."""
+        self.t, self.end, self.begun = t, end, 0
+
+
+class VariableSteps:
+    """Variable steps of one span, in Python.
 
     Parameters
     ----------
-    method : str
-        One of `METHODS`.
-    derivative, jacobian : callable
-        dx/dt and its exact derivative by x, as functions of (t, x); the derivative may be None.
-    span : tuple of float
-        Initial and final time [s].
-    times : iterator of float
-        Increasing times inside the span [s].
-    x : Vector
-        Initial state [as declared].
-    tolerances : tuple of float
-        Relative and absolute tolerance [-, unit of the state].
-    watch : EventWatch or None
-        Finds and handles events.
-    accepted : callable
-        Called with time, state and length of the step after each step.
-
-    Yields
-    ------
-    float, Vector
-        Each of the `times`, as soon as it is reached, and the state then; last the end.
-
-    Raises
-    ------
-    AdaptiveError
-        If the solver gives up or the state stops being finite.
+    executor : Executor
+        Executor of the equations.
+    control : Control
+        Settings and state.
+    x, d, p : Vector
+        States and discrete values, which change in place, and parameters [as declared].
+    jacobian : SparseJacobian or None
+        Structure of the Jacobian; None for difference quotients.
     """
-    now, end = span
-    if not x.size:
-        # Without states, events are checked at the output times.
-        for t in chain(times, [end]):
+
+    def __init__(
+        self,
+        executor: Executor,
+        control: Control,
+        x: Vector,
+        d: Vector,
+        p: Vector,
+        jacobian: SparseJacobian | None,
+    ) -> None:
+        self._executor = executor
+        self._control = control
+        self._x, self._d, self._p = x, d, p
+        self._structure = jacobian
+        self._watch = executor.watch(d, p)
+        # A signal that jumps where the span ends has not jumped yet for a stage at the end.
+        self._last = float(np.nextafter(control.end, control.t))
+        self._failed: Vector | None = None
+        self._slope: Vector | None = None
+        self._slopes: tuple[Vector, Vector] | None = None  # by the states and by time
+        self._next = self._stage = self._arrived = x
+        self._used = tableau(self._method)
+        self._now = self._h = 0.0
+        self._k = np.zeros((0, 0))
+        self._dense: Vector | None = None
+        self._event = False
+
+    def advance(self, times: Vector, rows: Vector) -> None:
+        """Advance as the control says; fill `rows` with the outputs at the `times` [s] in turn.
+
+        Raises
+        ------
+        AdaptiveError
+            If no step is small enough.
+        """
+        c = self._control
+        x = self._x
+        watch = self._watch
+        c.rows = 0
+        if not c.begun:
             if watch is not None:
-                watch.executor.between("euler", (now, t, t - now), x, watch.d, watch.p)
-            accepted(t, x, np.inf)
-            now = t
-            yield now, x
-        return
-    options = {} if jacobian is None else {"jac": jacobian}
-    x = x.copy()
-    wanted = next(times, None)
-    if watch is not None:
-        x = watch.begin(now, x)
-    while now < end:
-        if not np.isfinite(derivative(now, x)).all():
-            raise AdaptiveError("no step can be taken", now, x)
-        # A time event ends the span, so that no step has to be cut at it.
-        stop = end if watch is None else min(end, watch.next_time())
-        for before, solver in _steps(
-            method, derivative, (now, stop), x, tolerances, options
+                x[:] = watch.begin(c.t, x)
+            c.begun, c.stepped, c.h, self._slope = 1, 0, 0.0, None
+        left = c.most
+        while True:
+            if not c.stepped:
+                if c.t >= c.end or left <= 0:
+                    return
+                left -= 1
+                # A time event ends the step, so that no step has to be cut at it.
+                stop = c.end if watch is None else min(c.end, watch.next_time())
+                self._step(stop)
+                if c.automatic and not tableau(self._method).gamma and self._is_stiff():
+                    c.method, c.switched = tableaus.METHODS.index(STIFF_METHOD), c.t
+                    self._slope = None
+                c.stepped, self._arrived, self._event = 1, self._next, False
+                if watch is not None:
+                    found = watch.after_step(c.t, self._now, self._next, self._state)
+                    if found is not None:
+                        (self._now, self._arrived), self._event = found, True
+            while c.rows < c.wanted and times[c.rows] < self._now:
+                if c.rows == c.room:
+                    return
+                t = float(times[c.rows])
+                rows[c.rows] = self._executor.call(
+                    "outputs", t, self._state(t), self._d, self._p
+                )
+                c.rows += 1
+            self._arrive()
+
+    def _arrive(self) -> None:
+        """Go to the end of the step that was taken last, or to the first event in it."""
+        c = self._control
+        x = self._x
+        step = self._now - c.t
+        x[:] = self._arrived
+        c.t, c.stepped = self._now, 0
+        # The last stage of an explicit method is the slope at its end; after a change of the method
+        # there is none.
+        if self._slope is not None:
+            used = self._used
+            self._slope = None if used.gamma else self._k[used.stages].copy()
+        if self._event and self._watch is not None:
+            x[:] = self._watch.handle(c.t, x, step)
+            # A jump makes the step size and the slope invalid: the solver starts anew.
+            c.h, self._slope = 0.0, None
+        self._executor.keep_loops(min(c.t, self._last), x, self._d, self._p)
+
+    @property
+    def _method(self) -> str:
+        return tableaus.METHODS[self._control.method]
+
+    def _rate(self, t: float, x: Vector) -> Vector | None:
+        """Return the derivative, or None if it is not finite."""
+        t = min(t, self._last)
+        self._control.evaluations += 1
+        rate = self._executor.call("derivative", t, x, self._d, self._p)
+        if np.isfinite(rate).all():
+            return rate
+        self._control.failed, self._failed = t, x.copy()
+        return None
+
+    def _scale(self, x: Vector) -> Vector:
+        c = self._control
+        scale: Vector = c.atol + c.rtol * np.maximum(np.abs(self._x), np.abs(x))
+        return scale
+
+    def _first_step(self, longest: float) -> float:
+        """Return the first step after a start [s], at most the `longest`.
+
+        It depends on the curvature (Hairer, Nørsett and Wanner, *Solving Ordinary Differential Equations I*,
+        section II.4).
+        """
+        assert self._slope is not None
+
+        def norm(values: Vector) -> float:
+            return float(np.sqrt(np.mean((values / self._scale(self._x)) ** 2)))
+
+        t = self._control.t
+        state, rate = norm(self._x), norm(self._slope)
+        h = min(0.01 * state / rate if min(state, rate) >= 1e-5 else 1e-6, longest)
+        after = self._rate(t + h, self._x + h * self._slope)
+        if after is None:
+            return h
+        most = max(rate, norm(after - self._slope) / h)
+        order = tableau(self._method).order
+        found = max(1e-6, h * 1e-3) if most <= 1e-15 else (0.01 / most) ** (1 / order)
+        return min(found, 100 * h, longest)
+
+    def _step(self, stop: float) -> None:
+        """Take one step, at most up to `stop` [s].
+
+        Raises
+        ------
+        AdaptiveError
+            If no step is small enough.
+        """
+        c = self._control
+        self._used = used = tableau(self._method)
+        c.failed, self._failed, self._dense = np.nan, None, None
+        if self._slope is None:
+            self._slopes = None
+            self._slope = self._rate(c.t, self._x)
+            if self._slope is None:
+                raise AdaptiveError(c.failed, self._failed)
+        if c.h == 0.0:
+            c.h = self._first_step(stop - c.t)
+        smallest = max(10 * np.finfo(float).eps * abs(c.t), 1e-300)
+        rejected = False
+        while True:
+            if c.h < smallest and rejected:
+                raise AdaptiveError(c.failed, self._failed)
+            h = max(c.h, smallest)
+            self._now = c.t + h
+            if self._now >= stop:
+                self._now, h = stop, stop - c.t
+            c.failed, self._failed = np.nan, None
+            formula = self._rosenbrock if used.gamma else self._explicit
+            with np.errstate(all="ignore"):
+                error = self._error(h) if formula(h) else np.nan
+                factor = (
+                    SAFETY * error ** (-1 / used.order) if error != 0.0 else MAX_FACTOR
+                )
+            if error < 1.0 and np.isfinite(self._next).all():
+                factor = min(factor, MAX_FACTOR)
+                c.h = h * (min(factor, 1.0) if rejected else factor)
+                self._h = h
+                c.steps += 1
+                c.brief_steps = c.brief_steps + 1 if h < c.brief else 0
+                return
+            c.rejected += 1
+            rejected = True
+            c.h = h * (factor if MIN_FACTOR < factor < 1.0 else MIN_FACTOR)
+
+    def _explicit(self, h: float) -> bool:
+        """Compute the increments and the next state; return whether all derivatives are finite."""
+        used = self._used
+        self._k = k = np.zeros((len(used.a), self._x.size))
+        k[0] = self._slope
+        for i in range(1, used.stages + 1):
+            point = self._x + h * (used.a[i, :i] @ k[:i])
+            rate = self._rate(self._control.t + used.c[i] * h, point)
+            if rate is None:
+                return False
+            k[i] = rate
+            self._stage, self._next = self._next, point
+        return True
+
+    def _rosenbrock(self, h: float) -> bool:
+        """Compute the increments and the next state of a Rosenbrock method; return whether all are finite."""
+        with uninterrupted():
+            from scipy.linalg import LinAlgError, lu_factor, lu_solve
+
+        used = self._used
+        c = self._control
+        x = self._x
+        if self._slopes is None:
+            self._slopes = self._linearized()
+        matrix, by_time = self._slopes
+        try:
+            factors = lu_factor(np.eye(x.size) / (h * used.gamma) - matrix)
+        except (ValueError, LinAlgError):  # of matrices that are not finite
+            return False
+        c.factorizations += 1
+        self._k = k = np.zeros((len(used.a), x.size))
+        for i in range(used.stages):
+            rate = self._slope
+            if i:
+                rate = self._rate(c.t + used.c[i] * h, x + used.a[i, :i] @ k[:i])
+            if rate is None:
+                return False
+            earlier = used.coupling[i, :i] @ k[:i] / h
+            k[i] = lu_solve(
+                factors,
+                rate + earlier + used.slope[i] * h * by_time,
+                check_finite=False,
+            )
+        self._next = x + used.a[used.stages, : used.stages] @ k[: used.stages]
+        return True
+
+    def _linearized(self) -> tuple[Vector, Vector]:
+        """Return the derivatives of dx/dt by the states and by time."""
+        t, x = min(self._control.t, self._last), self._x
+        slopes = np.zeros((x.size, x.size + 1))
+        if self._structure is None:
+            for j, step in enumerate([*(DIFFERENCE * np.maximum(1.0, np.abs(x))), 0.0]):
+                there = x.copy()
+                if j < x.size:
+                    there[j] += step
+                else:
+                    step = min(DIFFERENCE * max(1.0, abs(t)), self._last - t)
+                assert self._slope is not None
+                after = self._executor.call(
+                    "derivative", t + step * (j == x.size), there, self._d, self._p
+                )
+                if step:
+                    slopes[:, j] = (after - self._slope) / step
+            return slopes[:, :-1], slopes[:, -1]
+        for columns, (rows, places) in zip(
+            self._structure.colors, self._structure.elements, strict=True
         ):
-            states = _dense(solver)
-            now = float(solver.t)
-            x = solver.y
-            step = now - before
-            event = None if watch is None else watch.after_step(before, now, x, states)
-            if event is not None:
-                now, x = event
-            while wanted is not None and wanted < now:
-                yield wanted, states(wanted)
-                wanted = next(times, None)
-            if event is not None and watch is not None:
-                x = watch.handle(now, x, step)
-            accepted(now, x, step)
-            # A jump makes the solver's step size and history invalid: a new one starts.
-            if event is not None:
-                break
-        while wanted is not None and wanted <= now:  # at an event: the state after it
-            yield wanted, x
-            wanted = next(times, None)
-    yield end, x
+            direction = np.zeros(x.size + 1)
+            direction[columns] = 1.0
+            found = self._executor.call(
+                "tangent", t, np.concatenate([x, direction]), self._d, self._p
+            )
+            slopes[rows, places] = found[rows]
+        return slopes[:, :-1], slopes[:, -1]
 
+    def _error(self, h: float) -> float:
+        """Return the error of the step of length `h` [s], relative to the tolerance."""
+        used = self._used
+        scale = self._scale(self._next)
+        k = self._k[: used.stages + 1]
+        first, second = (np.sum((row @ k / scale) ** 2) for row in used.error)
+        both = float(first + 0.01 * second)
+        if both == 0.0:
+            return 0.0
+        factor = 1.0 if used.gamma else h
+        return float(factor * first / np.sqrt(both * scale.size))
 
-def _dense(solver: OdeSolver) -> Callable[[float], Vector]:
-    """Return the solution within the last step, evaluated on demand."""
-    # Made at most once a step, and only if needed: DOP853 evaluates three more stages.
-    states = cache(solver.dense_output)
-    return lambda t: np.asarray(states()(t))
+    def _is_stiff(self) -> bool:
+        """Return whether stability limits the steps of an explicit method.
 
+        The measure is the change of the derivative between two points at the end of the step (Hairer and
+        Wanner, *Solving Ordinary Differential Equations II*, section IV.2).
+        """
+        used = self._used
+        c = self._control
+        rate = self._k[used.stages] - self._k[used.stages - 1]
+        above, below = np.sum(rate**2), np.sum((self._next - self._stage) ** 2)
+        if below > 0.0 and self._h * np.sqrt(above / below) > used.limit:
+            c.calm, c.suspect = 0, c.suspect + 1
+        elif c.suspect:
+            c.calm += 1
+            if c.calm == CALM_STEPS:
+                c.suspect = 0
+        return bool(c.suspect == STIFF_STEPS)
 
-def _steps(
-    method: str,
-    derivative: Function,
-    span: tuple[float, float],
-    x: Vector,
-    tolerances: tuple[float, float],
-    options: dict[str, Any],
-) -> Iterator[tuple[float, OdeSolver]]:
-    """Take steps; yield the time before each step, and the solver after it."""
-    with uninterrupted():
-        from scipy import integrate as solvers  # takes a third of a second
+    def _state(self, t: float) -> Vector:
+        """Return the states at a time within the last step."""
+        if self._dense is None:
+            self._dense = self._made_dense()
+        part = (t - self._control.t) / self._h
+        total = np.zeros_like(self._x)
+        for j in reversed(range(len(self._dense))):
+            total = (total + self._dense[j]) * (1.0 - part if j % 2 else part)
+        return self._x + total
 
-    solver = getattr(solvers, method)(
-        derivative,
-        span[0],
-        x,
-        span[1],
-        rtol=tolerances[0],
-        atol=tolerances[1],
-        **options,
-    )
-    while solver.status == "running":
-        before = float(solver.t), solver.y.copy()
-        if fault := _step(solver):
-            raise AdaptiveError(fault, *before)
-        yield before[0], solver
-
-
-def _step(solver: OdeSolver) -> str:
-    """Take one step; return the reason if it failed, or an empty text."""
-    try:
-        with np.errstate(all="ignore"), warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore"
-            )  # LSODA also reports its warnings as failures
-            fault = solver.step()
-    # Some of these errors are also ValueError or ArithmeticError.
-    except TrussflowError:
-        raise
-    except (ValueError, ArithmeticError) as error:  # of matrices that are not finite
-        return str(error)
-    if solver.status == "failed":
-        return str(fault or "no step is small enough")
-    return "" if np.isfinite(solver.y).all() else "the state is not finite"
+    def _made_dense(self) -> Vector:
+        """Return the rows of the dense output of the last step."""
+        used, k, h = self._used, self._k, self._h
+        for i in range(used.stages + 1, len(used.a)):
+            t = min(self._control.t + used.c[i] * h, self._last)
+            point = self._x + h * (used.a[i, :i] @ k[:i])
+            k[i] = self._executor.call("derivative", t, point, self._d, self._p)
+        moved = self._next - self._x
+        if used.gamma:
+            return np.array([moved, *(used.dense @ k)])
+        bent = h * k[0] - moved
+        last = moved - h * k[used.stages] - bent
+        return np.array([moved, bent, last, *(h * used.dense @ k)])

@@ -181,14 +181,7 @@ class EventWatch:
             after = executor.call("on_event", float(times.max(initial=t)), x, d, p)
             self._asked = False
             x, self._modes[:] = after[: x.size], after[x.size :]
-            # Modes may be infinite, such as the time of an event that never occurs.
-            if fault := self._plan.x.fault(x) or self._plan.modes.fault(
-                np.where(np.isinf(d), 0.0, d)
-            ):
-                raise DivergenceError(
-                    f"{fault} stopped being finite at t = {t:g} s: on_event() of that block returned it; the "
-                    "log up to there is kept"
-                )
+            refuse_not_finite(self._plan, t, x, d)
             self._indicate(t, x)
             g = self._g
             old = np.where(sides > 0.0, 1.0, -1.0)
@@ -271,6 +264,21 @@ class EventWatch:
             turn += 1
         # The upper end: the event condition holds there.
         return high, x
+
+
+def refuse_not_finite(plan: Plan, t: float, x: Vector, d: Vector) -> None:
+    """Check the states `x` and the modes in `d` [as declared] of a `plan` after an event at time `t` [s].
+
+    Raises
+    ------
+    DivergenceError
+        If one is not finite; modes may be infinite, such as the time of an event that never occurs.
+    """
+    if fault := plan.x.fault(x) or plan.modes.fault(np.where(np.isinf(d), 0.0, d)):
+        raise DivergenceError(
+            f"{fault} stopped being finite at t = {t:g} s: on_event() of that block returned it; the "
+            "log up to there is kept"
+        )
 
 
 def not_a_number(

@@ -19,8 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trussflow.blocks.errors import DivergenceError, SimulationError
+from trussflow.blocks.simulation.adaptive import AdaptiveError, Control, VariableSteps
 from trussflow.blocks.simulation.block_instances import OpenBlocks
-from trussflow.blocks.simulation.events import EventWatch, endless, not_a_number
+from trussflow.blocks.simulation.events import (
+    EventWatch,
+    endless,
+    not_a_number,
+    refuse_not_finite,
+)
 from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.tracing.codegen import c_sources, content
@@ -28,6 +34,8 @@ from trussflow.blocks.tracing.compiler import compile_library
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.program import Program
 from trussflow.blocks.tracing.quantities import Quantity
+from trussflow.blocks.tracing.tableaus import METHODS, STIFF_METHOD
+from trussflow.blocks.tracing.variable_step import SparseJacobian
 
 Point = tuple[float, Vector, Vector, Vector]
 """Time t [s], states x, discrete values d, and parameters p [as declared]."""
@@ -94,7 +102,11 @@ class Executor:
     blocks = OpenBlocks()
     """The Python blocks of this run."""
 
+    jacobian: SparseJacobian | None = None
+    """Sparse Jacobian of the derivative; None if no solver uses it, or the equations have none."""
+
     _watch: EventWatch | None = None
+    _steps: VariableSteps | None = None
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
@@ -106,7 +118,7 @@ class Executor:
     def fresh(self) -> Self:
         """Return an executor for one more run, with its own work memory, since steps run without the GIL."""
         other = copy.copy(self)
-        other._watch = None
+        other._watch = other._steps = None
         return other
 
     def instant(self, number: int, *point: *Point, update: bool = True) -> Vector:
@@ -183,6 +195,52 @@ class Executor:
         except BaseException as error:  # noqa: BLE001 - raised again once the rows so far are kept
             return Progress(k, fault, error=error)
         return Progress(span.end - span.begin)
+
+    def vary(
+        self,
+        control: Control,
+        x: Vector,
+        d: Vector,
+        p: Vector,
+        times: Vector,
+        rows: Vector,
+    ) -> None:
+        """Advance by variable steps as the `control` says, in place.
+
+        The outputs at the `times` [s] inside the span are written to `rows` [as declared] in order. The twin
+        in C is ``tracing/variable_span.h``.
+
+        Raises
+        ------
+        AdaptiveError
+            If no step is small enough.
+        """
+        if not x.size:
+            self._vary_without_states(control, x, d, p, times, rows)
+            return
+        if not control.begun or self._steps is None:
+            self._steps = VariableSteps(self, control, x, d, p, self.jacobian)
+        self._steps.advance(times, rows)
+
+    def _vary_without_states(
+        self,
+        control: Control,
+        x: Vector,
+        d: Vector,
+        p: Vector,
+        times: Vector,
+        rows: Vector,
+    ) -> None:
+        """Go from row to row: without states, events are checked at the output times."""
+        number = min(control.wanted, control.room)
+        ends = [*times[:number], *([control.end] if number == control.wanted else [])]
+        control.rows = 0
+        for k, t in enumerate(ends):
+            self.between("euler", (control.t, t, t - control.t), x, d, p)
+            control.t = t
+            if k < number:
+                rows[k] = self.call("outputs", t, x, d, p)
+                control.rows += 1
 
     def between(
         self,
@@ -280,7 +338,9 @@ class InterpretedExecutor(Executor):
 
     def fresh(self) -> Self:
         """Return an executor with its own argument and result buffers."""
-        return type(self)(self._programs, self.plan)
+        other = type(self)(self._programs, self.plan)
+        other.jacobian = self.jacobian
+        return other
 
     def call(self, name: str, *point: *Point) -> Vector:
         """Return the quantity of that name."""
@@ -319,17 +379,28 @@ class InPlace:
 class CompiledExecutor(Executor):
     """C code of the `programs` of a `plan`, compiled once and cached; whole spans of steps are taken in C.
 
-    With several `lanes` [-], all arrays have a last axis of lanes, each of which is one run.
+    With several `lanes` [-], all arrays have a last axis of lanes, each of which is one run. Steps may be of
+    `variable` length.
     """
 
     name = "compiled"
 
-    def __init__(self, programs: Sequence[Program], plan: Plan, lanes: int = 1) -> None:
+    def __init__(
+        self,
+        programs: Sequence[Program],
+        plan: Plan,
+        lanes: int = 1,
+        variable: bool = False,
+    ) -> None:
         super().__init__(plan)
         self._lanes = lanes
-        functions = ("tf_work_size", "tf_advance", "tf_evaluate")
+        functions = ["tf_work_size", "tf_advance", "tf_evaluate"]
+        if variable:
+            functions.append("tf_vary")
         made = compile_library(
-            content(programs, lanes), partial(c_sources, programs, lanes), functions
+            content(programs, lanes, variable),
+            partial(c_sources, programs, lanes, variable),
+            functions,
         )
         library = ctypes.CDLL(str(made))
         pointer = ctypes.c_void_p
@@ -343,6 +414,13 @@ class CompiledExecutor(Executor):
             *[pointer] * 6,
             *(whole, pointer, pointer, pointer, ctypes.c_int),
         ]
+        if variable:
+            self._vary = library.tf_vary
+            self._vary.restype = None
+            self._vary.argtypes = [
+                *[pointer] * 7,
+                *(whole, pointer, pointer, pointer, ctypes.c_int),
+            ]
         self._evaluate = library.tf_evaluate
         self._evaluate.argtypes = [ctypes.c_int, ctypes.c_double, *[pointer] * 4]
         self._programs = {p.name: (i, p.size) for i, p in enumerate(programs)}
@@ -362,7 +440,7 @@ class CompiledExecutor(Executor):
             self._bad.ctypes.data,
         )
         # looking one up takes longer than a call
-        self._addresses = [_Address() for _ in range(6)]
+        self._addresses = [_Address() for _ in range(7)]
         self._results = {}
         for name, (number, size) in self._programs.items():
             result = np.empty(size if self._lanes == 1 else (size, self._lanes))
@@ -386,7 +464,7 @@ class CompiledExecutor(Executor):
         self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector
     ) -> Progress:
         """Take the steps of a span in place; rows of `log` [as declared] are filled in order."""
-        to_x, to_d, to_p, to_due, to_logged, to_log = self._addresses
+        to_x, to_d, to_p, to_due, to_logged, to_log = self._addresses[:6]
         work, fault, bad = self._own
         steps = self._advance(
             work,
@@ -425,6 +503,52 @@ class CompiledExecutor(Executor):
             endless(float(self._bad[0]))
         except (SimulationError, DivergenceError) as error:
             return Progress(steps, "x", error=error)
+
+    def vary(
+        self,
+        control: Control,
+        x: Vector,
+        d: Vector,
+        p: Vector,
+        times: Vector,
+        rows: Vector,
+    ) -> None:
+        """Advance by variable steps as the `control` says, in place."""
+        stiff = METHODS[control.method] == STIFF_METHOD
+        if not x.size or (stiff and self.jacobian is None):
+            super().vary(control, x, d, p, times, rows)
+            return
+        to_x, to_d, to_p, _, _, to_log, to_times = self._addresses
+        work, fault, bad = self._own
+        self._vary(
+            work,
+            ctypes.addressof(control),
+            to_x(x),
+            to_d(d),
+            to_p(p),
+            to_times(times),
+            to_log(rows),
+            rows.shape[1],
+            fault,
+            bad,
+            self.plan.kinds.ctypes.data,
+            self.plan.sides.span.start,
+        )
+        t = control.t
+        # The faults are numbered by the first enum of events.h.
+        match self._fault.value:
+            case 1 | 2 as which:
+                refuse_not_finite(self.plan, t, self._bad[: x.size] if which == 1 else x, d)
+            case 3:
+                not_a_number(self.plan, self._bad[: self.plan.kinds.size], t, x, d, p)
+            case 4:
+                endless(t)
+            case 5:
+                self.plan.loops.blame(t, x, d, p)
+            case 6:
+                failed = self._bad[: x.size].copy()
+                known = np.isfinite(control.failed)
+                raise AdaptiveError(control.failed, failed if known else None)
 
 
 class _Address:

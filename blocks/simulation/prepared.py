@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import functools
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any, Self
 
-import casadi as ca
 import numpy as np
 
 from trussflow.blocks.framework.clock import common_tick, exact, ticks
@@ -21,7 +20,6 @@ from trussflow.blocks.simulation.block_instances import OpenBlocks
 from trussflow.blocks.simulation.executor import (
     CompiledExecutor,
     Executor,
-    InPlace,
     InterpretedExecutor,
     NumPyExecutor,
 )
@@ -44,6 +42,7 @@ from trussflow.blocks.tracing.quantities import (
     outputs,
     sample,
 )
+from trussflow.blocks.tracing.variable_step import SparseJacobian
 
 
 def _numbers(value: Any) -> Any:
@@ -169,8 +168,26 @@ class Prepared:
 
     @functools.cached_property
     def programs(self) -> list[Program]:
-        """The traced programs of (t, x, d, p)."""
+        """The traced programs of (t, x, d, p), and the directional derivative for a stiff solver."""
+        tangents = [self.jacobian.tangent] if self.jacobian else []
+        return [*self._programs, *tangents]
+
+    @functools.cached_property
+    def _programs(self) -> list[Program]:
         return self.plan.trace(self.quantities)
+
+    @functools.cached_property
+    def jacobian(self) -> SparseJacobian | None:
+        """The sparse Jacobian of dx/dt; None if the solver does not use it, or the equations have none."""
+        # The derivatives of Python blocks are not in the traced program.
+        if self.solver.solver not in IMPLICIT or self.python.continuous:
+            return None
+        if self.solver.backend == "numpy" or not self.plan.x.size:
+            return None
+        derivative = self._programs[0]
+        if any(c.kernel.source and not c.kernel.near for c in derivative.calls):
+            return None
+        return SparseJacobian(derivative)
 
     @functools.cached_property
     def traced(self) -> Executor:
@@ -180,13 +197,21 @@ class Prepared:
             return NumPyExecutor(self.plan, self.quantities)
         if backend != "interpreted":
             try:
-                return CompiledExecutor(self.programs, self.plan)
+                return self._with_jacobian(
+                    CompiledExecutor(
+                        self.programs, self.plan, variable=not self.solver.is_fixed
+                    )
+                )
             except CompilationError as error:
                 if backend == "compiled":
                     raise
                 slow = "simulations run in CasADi's interpreter, 20 times slower if large, 400 times if small"
                 warn_once("compiler", f"{slow}: {error}")
-        return InterpretedExecutor(self.programs, self.plan)
+        return self._with_jacobian(InterpretedExecutor(self.programs, self.plan))
+
+    def _with_jacobian(self, executor: Executor) -> Executor:
+        executor.jacobian = self.jacobian
+        return executor
 
     def open(self, p: Vector) -> Executor:
         """Return the executor of one run with parameters `p` [as declared]; it must be closed.
@@ -274,23 +299,3 @@ class Prepared:
             [(e.path, e.name, e.shape) for e in layout] for layout in plan.layouts
         ]
         return digest(repr((arrays, [*plan.system.clock_of.items()], self.tick)))
-
-    @functools.cached_property
-    def _jacobian(self) -> ca.Function:
-        """The exact derivative of dx/dt by x."""
-        return self.programs[0].jacobian(1)
-
-    def jacobian(self) -> Callable[[float, Vector, Vector, Vector], Vector] | None:
-        """Return, for one run, the exact derivative of dx/dt by x as a function of t, x, d and p.
-
-        It is None if the solver does not use it, or the equations are not all traced.
-        """
-        if self.solver.solver not in IMPLICIT or self.solver.backend == "numpy":
-            return None
-        # The derivatives of Python blocks are not in the traced program.
-        if self.python.continuous:
-            return None
-        flat = InPlace(self._jacobian)
-        n = self.plan.x.size
-        # CasADi stores matrices column by column.
-        return lambda t, x, d, p: flat(t, x, d, p).reshape((n, n), order="F")

@@ -17,6 +17,7 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
+from math import lcm
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,7 +26,11 @@ from trussflow.blocks.errors import DivergenceError, SimulationError, TrussflowE
 from trussflow.blocks.framework.clock import ticks, written
 from trussflow.blocks.results.log import Log
 from trussflow.blocks.results.state_file import Snapshot
-from trussflow.blocks.simulation.adaptive import AdaptiveError, integrate
+from trussflow.blocks.simulation.adaptive import (
+    AUTOMATIC_START,
+    AdaptiveError,
+    Control,
+)
 from trussflow.blocks.simulation.executor import Executor, NumPyExecutor, Progress, Span
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.step_size_warnings import (
@@ -36,6 +41,7 @@ from trussflow.blocks.support.interrupts import interruptible
 from trussflow.blocks.support.progress import RunBar
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.tracing.quantities import derivative
+from trussflow.blocks.tracing.tableaus import METHODS as TABLEAUS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -79,7 +85,7 @@ JUMP_HALVINGS = 10
 
 SWITCH_ADVICE = (
     "Declare a Mode for a quantity that switches (a sign, an absolute value, a comparison), and an Event "
-    "at the switch; if nothing switches, try a stiff solver (LSODA, BDF, Radau)"
+    "at the switch; if nothing switches, try the stiff solver Rodas5P"
 )
 """Advice if steps become too small."""
 
@@ -127,8 +133,10 @@ class Run:
         Tick whose sampled blocks have computed already, or None [-].
     bar : RunBar or None
         Progress bar.
-    failed : tuple or None
-        Time [s] and states at which the derivatives last were not finite, with an adaptive solver.
+    statistics : dict
+        Numbers of steps, and the method, with a solver of variable steps.
+    jumps : int
+        Number of tested short steps with a jump of a derivative [-].
     """
 
     prepared: Prepared
@@ -149,7 +157,8 @@ class Run:
     time: float = 0.0
     sampled: int | None = None
     bar: RunBar | None = None
-    failed: tuple[float, Vector] | None = None
+    statistics: dict[str, Any] = field(default_factory=dict)
+    jumps: int = 0
 
     def __post_init__(self) -> None:
         self.begin_at(self.origin)
@@ -312,7 +321,9 @@ class Run:
                 self._instant(self.due(), self.time)
                 self._log_now(self.time)
             wall_time = self.seconds + time.perf_counter() - started
-            result = log.complete(blocks.messages, wall_time=wall_time)
+            result = log.complete(
+                blocks.messages, wall_time=wall_time, **self.statistics
+            )
             warn_of_coarse_steps(self)  # only now: a diverged log is the better message
             return result
         except BaseException as error:  # noqa: BLE001 - raised again with the log
@@ -460,7 +471,7 @@ class Run:
         return DivergenceError(
             f"{name} stopped being finite at t = {after:g} s{cause}; the last good step "
             f"is at t = {self.time:g} s and the log up to there is kept. Try a smaller step, a "
-            "stiff solver (LSODA, BDF), or look for a division by zero in that block"
+            "stiff solver (Rodas5P), or look for a division by zero in that block"
         )
 
     def _blame_loop(self, fault: str, after: float) -> None:
@@ -509,106 +520,118 @@ class Run:
     # -- adaptive -------------------------------------------------------------------------
 
     def _adaptive(self, until: Fraction) -> None:
-        """Advance with an adaptive solver, which restarts at each instant."""
+        """Advance with variable steps; the solver starts anew at each instant."""
         every = self.log_step
-        length = float(until - self.origin)
-        for end in self._ends(until):
-            start = self.now
-            self._instant(self.due(), float(start))
-            if (start - self.origin) % every == 0:
-                self._log_now(float(start))
-            times: Iterator[float] = iter(())
-            if self.log is not None:  # the logged instants strictly inside
-                first = (start - self.origin) // every + 1
-                # Rounded up, so that the last of the instants lies before `end`.
-                stop = -((self.origin - end) // every)
-                times = (float(self.origin + i * every) for i in range(first, stop))
+        solver = self.prepared.solver
+        control = Control.of(
+            solver.solver,
+            solver.rtol,
+            solver.atol,
+            SHORT_STEP * float(until - self.origin),
+        )
+        try:
+            for end in self._ends(until):
+                start = self.now
+                self._instant(self.due(), float(start))
+                if (start - self.origin) % every == 0:
+                    self._log_now(float(start))
+                control.begin(float(start), float(end))
+                self._vary(control, self._logged_inside(start, end))
+                self.go_to(end)
+        finally:
+            self._count(control)
+
+    def _logged_inside(self, start: Fraction, end: Fraction) -> Vector:
+        """Return the logged instants strictly between `start` and `end` [s]."""
+        if self.log is None:
+            return np.empty(0)
+        every = self.log_step
+        first = (start - self.origin) // every + 1
+        # Rounded up, so that the last of the instants lies before `end`.
+        stop = -((self.origin - end) // every)
+        # A quotient of two integers is rounded once.
+        common = lcm(self.origin.denominator, every.denominator)
+        begin, step = int(self.origin * common), int(every * common)
+        return np.array([(begin + step * i) / common for i in range(first, stop)])
+
+    def _vary(self, control: Control, times: Vector) -> None:
+        """Advance to the end of a span by variable steps; log at the `times` in it [s]."""
+        log = self.log
+        width = log.width if log is not None else 0
+        chunk = MIN_CHUNK
+        while True:
+            control.wanted = len(times)
+            control.room = min(len(times), max(1, CHUNK_NUMBERS // (1 + width)))
+            rows = log.reserve(control.room) if log is not None else NO_ROWS
+            # Steps that stay short are taken one by one, to find jumps of the derivative.
+            tested = control.brief_steps > MAX_SHORT_STEPS
+            control.most = 1 if tested else chunk
+            before = control.t, self.x.copy() if tested else self.x
+            taken = control.steps
+            started = time.perf_counter()
             try:
-                for t, x in self._integrate((float(start), float(end)), times, length):
-                    self._reach(t, x)
-                    # The end is logged after the blocks that are
-                    # sampled there have computed.
-                    if t < float(end):
-                        self._log_now(t)
+                self.executor.vary(control, self.x, self.d, self.p, times, rows)
             except AdaptiveError as error:
                 raise self._gave_up(*error.args) from error
-            self.go_to(end)
+            finally:
+                if log is not None and control.rows:
+                    log.keep(times[: control.rows], control.rows)
+                reached = control.t - self.time
+                self.time = control.t
+            if self.bar is not None:
+                self.bar.update(reached)
+            times = times[control.rows :]
+            if control.t >= control.end:
+                return
+            if tested:
+                self._test_short_step(control, *before)
+                continue
+            control.brief_steps = min(control.brief_steps, MAX_SHORT_STEPS + 1)
+            if control.steps - taken == chunk:
+                seconds = max(time.perf_counter() - started, 1e-9)
+                growth = min(MAX_CHUNK_GROWTH, CHUNK_SECONDS / seconds)
+                chunk = max(MIN_CHUNK, int(chunk * growth))
 
-    def _reach(self, t: float, x: Vector) -> None:
-        """Go to time `t` [s], where the states are `x`.
+    def _test_short_step(self, control: Control, t: float, x: Vector) -> None:
+        """Test the last step, from time `t` [s] and states `x` [as declared], for a jump of a derivative.
 
         Raises
         ------
-        TimeLimitError
-            If the run exceeds its time limit.
+        DivergenceError
+            If most of the tested steps have a jump.
         """
-        self.x[:] = x
-        if self.bar is not None:
-            self.bar.update(t - self.time)
-        self.time = t
+        if control.t > t:
+            self.jumps += (jump := self._jump(t, x)) != ""
+            if self.jumps == MIN_JUMPS:
+                raise self._crawling(control.t - t, jump)
+        if control.brief_steps in (0, MAX_SHORT_STEPS + TESTED_STEPS):
+            control.brief_steps = self.jumps = 0
 
-    def _integrate(
-        self, span: tuple[float, float], times: Iterator[float], length: float
-    ) -> Iterator[tuple[float, Vector]]:
-        """Yield the `times` in a `span`, and its end, with the states; the run has a `length` [s]."""
-        prepared = self.prepared
-        d = self.d
-        p = self.p
-        short = 0
-        jumps = 0
-        jacobian = prepared.jacobian()
-
-        # A signal that jumps where the span ends has not jumped yet for a stage at the end.
-        last = float(np.nextafter(span[1], span[0]))
-
-        def derivative(t: float, x: Vector) -> Vector:
-            rate = self.executor.call(
-                "derivative", min(t, last), np.ascontiguousarray(x), d, p
-            )
-            if not np.isfinite(rate).all() and np.isfinite(x).all():
-                # The solver may recover with a shorter step. If not, `_gave_up` looks for an
-                # algebraic loop without a solution here.
-                self.failed = min(t, last), x.copy()
-            return rate
-
-        def accepted(t: float, x: Vector, step: float) -> None:
-            nonlocal short, jumps
-            self.executor.keep_loops(min(t, last), x, d, p)
-            short = short + 1 if step < SHORT_STEP * length else 0
-            if short > MAX_SHORT_STEPS and t > self.time:
-                # `self.time` is the begin of the step, or the last logged time in it.
-                jumps += (jump := self._jump(t, x)) != ""
-                if jumps == MIN_JUMPS:
-                    raise self._crawling(t, jump)
-                if short == MAX_SHORT_STEPS + TESTED_STEPS:
-                    short = jumps = 0
-            self._reach(t, x)
-
-        return integrate(
-            prepared.solver.solver,
-            derivative,
-            None if jacobian is None else lambda t, x: jacobian(min(t, last), x, d, p),
-            span,
-            times,
-            self.x,
-            (prepared.solver.rtol, prepared.solver.atol),
-            self.executor.watch(d, p),
-            accepted,
-        )
+    def _count(self, control: Control) -> None:
+        """Add up the numbers of a `control`, and describe the method for the result."""
+        found = self.statistics
+        for name in ("steps", "rejected", "evaluations", "factorizations"):
+            label = "rejected_steps" if name == "rejected" else name
+            found[label] = found.get(label, 0) + getattr(control, name)
+        method = TABLEAUS[control.method]
+        if control.automatic:
+            limit = "no step was limited by stability"
+            if np.isfinite(control.switched):
+                limit = f"since t = {control.switched:.3g} s, as stability limited the steps of {AUTOMATIC_START}"
+            method = f"{method}: {limit}"
+        found["method"] = method
 
     def _jump(self, t: float, x: Vector) -> str:
-        """Describe the derivative that jumps in a step to time `t` [s] and states `x`; empty if none does."""
+        """Describe the derivative that jumps in the last step, from time `t` [s] and states `x`; or return ""."""
         solver = self.prepared.solver
-        slope = self.executor.call("derivative", self.time, self.x, self.d, self.p)
+        slope = self.executor.call("derivative", t, x, self.d, self.p)
 
         # Sampled along the tangent: the states at both ends of the step may lie on one side of
         # the jump, while the solver's stages see both sides.
         def rate(h: float) -> Vector:
-            return self.executor.call(
-                "derivative", self.time + h, self.x + h * slope, self.d, self.p
-            )
+            return self.executor.call("derivative", t + h, x + h * slope, self.d, self.p)
 
-        low, high = 0.0, t - self.time
+        low, high = 0.0, self.time - t
         before, after = slope, rate(high)
         change = np.abs(after - before)
         # The state whose rate changes most relative to its tolerance.
@@ -628,22 +651,24 @@ class Run:
         name = self.prepared.plan.x.describe(i)
         return f"{name} jumps between {before[i]:.3g} and {after[i]:.3g}"
 
-    def _crawling(self, t: float, jump: str) -> DivergenceError:
-        """Return the error for steps that shrink at time `t` [s], because of a `jump` of a derivative."""
+    def _crawling(self, step: float, jump: str) -> DivergenceError:
+        """Return the error for steps that shrink to `step` [s], because of a `jump` of a derivative."""
         return DivergenceError(
-            f"the steps of solver {self.prepared.solver.solver} have shrunk to {t - self.time:.2g} s at "
-            f"t = {t:g} s, because the derivative of {jump}. The log up to there is kept. {SWITCH_ADVICE}"
+            f"the steps of solver {self.prepared.solver.solver} have shrunk to {step:.2g} s at "
+            f"t = {self.time:g} s, because the derivative of {jump}. The log up to there is kept. {SWITCH_ADVICE}"
         )
 
-    def _gave_up(self, reason: str, t: float, x: Vector) -> DivergenceError:
+    def _gave_up(self, failed: float, there: Vector | None) -> DivergenceError:
         """Return the error of a solver that gave up; it names the fastest state, relative to its size.
 
-        The `reason` is the solver's, at time `t` [s] with the states `x` [as declared].
+        The derivative was not finite at the time `failed` [s] with the states `there` [as declared], or
+        `there` is None.
         """
         plan = self.prepared.plan
-        if plan.loops and self.failed is not None:
+        t, x = self.time, self.x
+        if plan.loops and there is not None:
             # Raises the error of an algebraic loop if one has no solution there.
-            plan.evaluate(*self.failed, self.d, self.p)
+            plan.evaluate(failed, there, self.d, self.p)
         rate = self.executor.call("derivative", t, x, self.d, self.p)
         if not np.isfinite(rate).all():
             fault = f"the derivative of {plan.x.fault(rate)} is not finite"
@@ -652,8 +677,8 @@ class Run:
             worst = int(np.argmax(np.abs(rate) / (1e-12 + np.abs(x))))
             fault = f"the fastest state is {plan.x.describe(worst)}"
         return DivergenceError(
-            f"solver {self.prepared.solver.solver} gave up after t = {t:g} s: {reason}; {fault}. "
-            f"The log up to there is kept. Try larger tolerances. {SWITCH_ADVICE}"
+            f"solver {self.prepared.solver.solver} gave up after t = {t:g} s: no step is small enough; "
+            f"{fault}. The log up to there is kept. Try larger tolerances. {SWITCH_ADVICE}"
         )
 
     def due(self) -> int:

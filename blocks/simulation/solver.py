@@ -45,7 +45,10 @@ at the end of the step [s]; its length [s]; and the state before [as declared].
 """
 
 MIN_RTOL = 100 * sys.float_info.epsilon
-"""Smallest relative tolerance of SciPy's solvers [-]."""
+"""Smallest relative tolerance [-]."""
+
+REPLACEMENTS = {"LSODA": "auto", "BDF": "Rodas5P", "Radau": "Rodas5P"}
+"""Solvers that replace those of SciPy, by name."""
 
 BACKENDS = ("auto", "compiled", "interpreted", "numpy")
 
@@ -71,8 +74,9 @@ class Solver:
     step : float or None
         Step of a fixed-step solver [s]; not used by the others.
     solver : str
-        ``"rk4"`` (classical Runge-Kutta) or ``"euler"`` with fixed steps; ``"RK45"``,
-        ``"DOP853"``, ``"LSODA"``, ``"BDF"`` or ``"Radau"`` of SciPy with adaptive ones.
+        With fixed steps ``"rk4"`` (classical Runge-Kutta) or ``"euler"``. With variable steps
+        ``"RK45"`` or ``"DOP853"``, explicit methods of order 5 and 8; ``"Rodas5P"``, of order 5, for
+        stiff equations; or ``"auto"``, DOP853 until equations are found to be stiff, then Rodas5P.
     backend : str
         ``"compiled"``, ``"interpreted"`` (CasADi), ``"numpy"`` (for debugging), or
         ``"auto"``: compiled where there is a C compiler.
@@ -97,6 +101,12 @@ class Solver:
         if not MIN_RTOL <= self.rtol < 1:
             raise SimulationError(
                 f"rtol = {self.rtol!r} must be at least {MIN_RTOL:.2g} (round-off) and below 1"
+            )
+        if isinstance(self.solver, str) and (
+            instead := REPLACEMENTS.get(self.solver)
+        ):
+            raise SimulationError(
+                f"there is no solver '{self.solver}' any more: use '{instead}'"
             )
         one_of("solver", self.solver, (*FIXED_STEP, *METHODS))
         one_of("backend", self.backend, BACKENDS)

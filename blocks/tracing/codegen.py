@@ -25,6 +25,7 @@ from trussflow.blocks.tracing.operations import (
     c_file,
 )
 from trussflow.blocks.tracing.program import Program
+from trussflow.blocks.tracing.variable_step import SparseJacobian, definitions
 
 PROGRAM_ARGUMENTS = (TIME_NAME, "x", "d", "p")
 
@@ -47,6 +48,15 @@ _STATIC = "static __attribute__((noinline)) "
 _HIDDEN = '__attribute__((visibility("hidden"))) '
 """Specifier of the declaration of a piece in another file; it hides the symbol from other libraries."""
 
+FIXED_STEP_FILES = ("fixed_step.h", "events.h", "driver.c")
+"""C code after the programs, with fixed steps."""
+
+VARIABLE_FILES = (
+    *("fixed_step.h", "variable_step.h", "events.h"),
+    *("variable_span.h", "driver.c"),
+)
+"""C code after the programs, also with variable steps."""
+
 MIN_FILE_SIZE = 100_000
 """Size of the C code [characters] above which it is split into several files of about this size."""
 
@@ -57,7 +67,9 @@ MAX_KERNEL_PIECE_INSTRUCTIONS = 250
 """Largest number of instructions in one C function of a kernel, where operands are vectors."""
 
 
-def c_sources(programs: Sequence[Program], lanes: int = 1) -> list[str]:
+def c_sources(
+    programs: Sequence[Program], lanes: int = 1, variable: bool = False
+) -> list[str]:
     """Return the C sources of programs, followed by the time-stepping loop.
 
     The pieces of large programs are distributed over files that can be compiled in parallel. Small
@@ -69,9 +81,12 @@ def c_sources(programs: Sequence[Program], lanes: int = 1) -> list[str]:
         Programs of (t, x, d, p); the first one is the derivative.
     lanes : int
         Number of runs advanced at the same time [-]; each number except time is a vector of this length.
+    variable : bool
+        Whether steps of variable length are possible, with a stiff method if "tangent" is a program.
     """
     numbers = Numbers(lanes)
     names = [p.name for p in programs]
+    jacobian = SparseJacobian(programs[0]) if "tangent" in names else None
     macros = {
         "TF_X": programs[0].inputs[1].numel(),
         "TF_D": programs[0].inputs[2].numel(),
@@ -98,7 +113,8 @@ def c_sources(programs: Sequence[Program], lanes: int = 1) -> list[str]:
         *defined,
         *(f"{_HIDDEN}{piece.partition(' {')[0]};" for piece in apart),
         *functions,
-        *map(c_file, ("fixed_step.h", "events.h", "driver.c")),
+        *([definitions(jacobian)] if variable else []),
+        *map(c_file, VARIABLE_FILES if variable else FIXED_STEP_FILES),
     ]
     others = [
         [vectors, *(piece for _, piece in group)]
@@ -166,7 +182,9 @@ def _parameters(numbers: Numbers) -> str:
     return ", ".join([*given, f"{numbers.type}* restrict result"])
 
 
-def content(programs: Sequence[Program], lanes: int = 1) -> str:
+def content(
+    programs: Sequence[Program], lanes: int = 1, variable: bool = False
+) -> str:
     """Return a text that determines the C sources of programs; it is faster to make than the sources.
 
     Parameters
@@ -175,10 +193,15 @@ def content(programs: Sequence[Program], lanes: int = 1) -> str:
         As for `c_sources`.
     lanes : int
         As for `c_sources` [-].
+    variable : bool
+        As for `c_sources`.
     """
     # The text includes the generator itself: a new version must not find old libraries.
     made_by = ("codegen.py", "instructions.py", "loop_rerolling.py", "operations.py")
-    made_of = ("fma.h", "lanes.h", "fixed_step.h", "events.h", "driver.c")
+    made_of = ("fma.h", "lanes.h", *FIXED_STEP_FILES)
+    if variable:
+        made_by += ("tableaus.py", "variable_step.py")
+        made_of += VARIABLE_FILES
     return "\0".join(
         [
             str(lanes),

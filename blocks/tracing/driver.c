@@ -14,6 +14,9 @@
 typedef struct {
   tf_stepper stepper;
   tf_number d_next[TF_D + 1];
+#ifdef TF_VARIABLE
+  tf_variable variable;
+#endif
 } tf_work;
 
 static const tf_program tf_samples[] = {0 TF_SAMPLES};
@@ -73,3 +76,28 @@ TF_EXPORT long long tf_advance(void* work, int method, double numerator, double 
   }
   return number;
 }
+
+#ifdef TF_VARIABLE
+/* Advance by variable steps as `control` says: log at `times` in turn, and return when the end of the span, the
+   number of steps or that of rows is reached. Its field `begun` is 0 if d or p may have changed since; `fault`
+   is 0, or why it stopped. */
+TF_EXPORT void tf_vary(void* work, tf_control* control, tf_number* x, tf_number* d, const tf_number* p,
+                       const double* times, tf_number* log, long long log_width, int* fault, tf_number* bad,
+                       const signed char* kinds, int sides) {
+  tf_work* s = (tf_work*)work;
+  const tf_model model = TF_MODEL_OF(TF_RUN, kinds, sides);
+  tf_variable* v = &s->variable;
+  v->derivative = model.derivative;
+#if TF_STIFF
+  v->tangent = tf_run_tangent;
+#endif
+  v->control = control, v->x = x, v->d = d, v->p = p;
+  v->last = tf_just_before(control->end);
+  s->stepper.steps.variable = v;
+  *fault = tf_vary_between(&model, &s->stepper, v, x, d, p, times, log, log_width);
+  if (*fault == TF_BAD_STATE) memcpy(bad, s->stepper.steps.next, TF_X * sizeof(tf_number));
+  if (*fault == TF_BAD_D) memcpy(bad, d, TF_D * sizeof(tf_number));
+  if (*fault == TF_BAD_INDICATOR) memcpy(bad, s->stepper.g, TF_EVENTS * sizeof(tf_number));
+  if (*fault == TF_STUCK) memcpy(bad, v->stage, TF_X * sizeof(tf_number));
+}
+#endif

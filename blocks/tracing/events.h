@@ -8,7 +8,7 @@
    all the same, a quarter where it turned back at its event, and may be beyond zero by round-off; 0 where
    nothing is known. */
 
-enum { TF_FINE, TF_BAD_STATE, TF_BAD_D, TF_BAD_INDICATOR, TF_ENDLESS, TF_BAD_LOOP };
+enum { TF_FINE, TF_BAD_STATE, TF_BAD_D, TF_BAD_INDICATOR, TF_ENDLESS, TF_BAD_LOOP, TF_STUCK };
 
 typedef struct {
   tf_program derivative, indicators, on_event, guesses;
@@ -155,6 +155,12 @@ inline
 #endif
 static void tf_take(const tf_model* m, tf_steps* s, int method, double t, double end, double h,
                     const tf_number* x, const tf_number* d, const tf_number* p) {
+#ifdef TF_VARIABLE
+  if (method == TF_DENSE) {
+    tf_interpolate(s->variable, end, s->next);
+    return;
+  }
+#endif
   if (method == TF_RK4)
     tf_rk4(m->derivative, s, t, end, h, x, d, p);
   else

@@ -13,10 +13,13 @@ typedef TF_NUMBER tf_number;
 /* Every program of a plan is a function (t, x, d, p, result). */
 typedef void (*tf_program)(const double*, const tf_number*, const tf_number*, const tf_number*, tf_number*);
 
-enum { TF_RK4, TF_EULER }; /* the solvers, in the order of FIXED_STEP */
+enum { TF_RK4, TF_EULER, TF_DENSE }; /* the solvers, in the order of FIXED_STEP; within a variable step */
 
 typedef struct {
   tf_number stage[TF_X + 1], sum[TF_X + 1], rate[TF_X + 1], next[TF_X + 1];
+#ifdef TF_VARIABLE
+  struct tf_variable* variable; /* the last step of variable length, see variable_step.h */
+#endif
 } tf_steps;
 
 static inline int tf_finite(const tf_number* v, int n) {

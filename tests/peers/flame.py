@@ -16,7 +16,7 @@ flame = Diagram("flame")
 y = flame.add(y=Integrator(delta)).y
 (y**2 - y**3) >> flame.y.u
 result = simulate(
-    flame, 2 / delta, solver="Radau", rtol=1e-8, atol=1e-12, log_step=10.0
+    flame, 2 / delta, solver="Rodas5P", rtol=1e-8, atol=1e-12, log_step=10.0
 )
 a = 1 / delta - 1
 error = float(

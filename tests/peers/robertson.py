@@ -21,7 +21,7 @@ def reaction(x):
 reactor = Diagram("reactor")
 x = reactor.add(x=Integrator([1.0, 0.0, 0.0]))
 reaction(x) >> x
-end = simulate(reactor, 1e11, solver="Radau", rtol=1e-9, atol=1e-18, log_step=1e11)[
+end = simulate(reactor, 1e11, solver="Rodas5P", rtol=1e-9, atol=1e-18, log_step=1e11)[
     "x.y"
 ][-1].values
 published = [0.2083340149701255e-7, 0.8333360770334713e-13, 0.9999999791665050]

@@ -61,7 +61,7 @@ def test_smooth_signal_is_delayed(delay):
 
 
 every_solver = pytest.mark.parametrize(
-    "settings", [{"step": 0.05}, {"solver": "RK45"}, {"solver": "BDF"}]
+    "settings", [{"step": 0.05}, {"solver": "RK45"}, {"solver": "Rodas5P"}]
 )
 
 
@@ -128,7 +128,7 @@ def test_sample_at_the_instant_of_a_delayed_jump_is_the_new_value(periods, setti
     assert_allclose(result["second.y"], 0.1 * tenths, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("solver", ["RK45", "DOP853", "LSODA", "BDF"])
+@pytest.mark.parametrize("solver", ["RK45", "DOP853", "Rodas5P", "auto"])
 def test_long_steps_see_the_whole_delayed_signal(solver):
     """The solution is polynomial between multiples of the delay, for which a solver would take few steps."""
     end = simulate(loop(TransportDelay(1.0, 1.0)), 5.0, solver=solver, log_step=5.0)[

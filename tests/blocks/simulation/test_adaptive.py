@@ -28,7 +28,7 @@ from trussflow.blocks.errors import (
     TimeLimitError,
 )
 from trussflow.blocks.simulation import run as run_module
-from trussflow.blocks.simulation.adaptive import IMPLICIT, METHODS, integrate
+from trussflow.blocks.simulation.adaptive import IMPLICIT, METHODS
 from trussflow.blocks.support.progress import RunBar
 
 ORDER_TOLERANCE = 0.1
@@ -147,7 +147,7 @@ def test_steps_that_shrink_at_a_jump_end_the_run(solver):
         match=r"'block\.x'.* Declare a Mode for a quantity that switches",
     ) as error:
         simulate(diagram_of(Sliding()), 5.0, solver=solver, log_step=0.1)
-    assert ("jumps between" in str(error.value)) is (solver not in IMPLICIT)
+    assert "jumps between" in str(error.value)
     assert error.value.result.time[-1] == pytest.approx(1.4)
 
 
@@ -172,17 +172,17 @@ def test_many_short_steps_of_a_smooth_motion_are_taken():
 
 
 @pytest.mark.parametrize("error", [TimeLimitError, KeyboardInterrupt])
-def test_a_run_can_be_ended_after_each_step(error, monkeypatch):
+def test_a_run_can_be_ended_between_steps(error, monkeypatch):
     """At none of the steps anything is logged."""
     count = itertools.count()
 
     def update(*_):
-        if next(count) == 10:
+        if next(count) == 1:
             raise error
 
     monkeypatch.setattr(RunBar, "update", update)
     with pytest.raises((TimeLimitError, SimulationInterrupted)) as ended:
-        simulate(diagram_of(VanDerPol()), 100.0, solver="BDF", log_step=100.0)
+        simulate(diagram_of(VanDerPol()), 100.0, solver="Rodas5P", log_step=100.0)
     assert ended.value.result.sizes["time"] == 1
 
 
@@ -232,25 +232,6 @@ def test_break_points_must_be_times(value):
         SimulationError, match=r"breakpoints\(\) of block 'block' .*must be finite"
     ):
         simulate(diagram_of(Pulse()), 1.0, solver="RK45", backend="numpy")
-
-
-@pytest.mark.parametrize("solver", METHODS)
-@pytest.mark.parametrize("backend", ["numpy", "interpreted"])
-def test_implicit_solvers_get_the_exact_jacobian(solver, backend, monkeypatch):
-    jacobians = []
-
-    def spy(method, rate, jacobian, *rest):
-        jacobians.append(jacobian)
-        return integrate(method, rate, jacobian, *rest)
-
-    monkeypatch.setattr(run_module, "integrate", spy)
-    simulate(diagram_of(VanDerPol(mu=3.0)), 0.1, solver=solver, backend=backend)
-    (jacobian,) = jacobians
-    if solver in IMPLICIT and backend != "numpy":
-        matrix = jacobian(0.3, np.array([2.0, 5.0]))
-        assert_allclose(matrix, [[0.0, 1.0], [-61.0, -9.0]], rtol=1e-14)
-    else:
-        assert jacobian is None
 
 
 @pytest.mark.parametrize("solver", ["rk4", *METHODS])

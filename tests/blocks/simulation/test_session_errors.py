@@ -94,7 +94,7 @@ def test_wrong_times_and_orders_are_refused():
         Session(diagram, step=STEP)
 
 
-@pytest.mark.parametrize("solver", ["rk4", "LSODA"])
+@pytest.mark.parametrize("solver", ["rk4", "auto"])
 def test_after_a_failed_advance_only_restore_or_start_help(solver):
     with Session(Bad(), step=STEP, solver=solver, backend="compiled") as session:
         session.advance(0.1)

@@ -190,7 +190,7 @@ def test_divergence_names_the_signal_that_caused_it():
         simulate(diagram, 1.0, step=0.1, backend="compiled")
 
 
-@pytest.mark.parametrize("solver", ["RK45", "DOP853", "LSODA", "BDF", "Radau"])
+@pytest.mark.parametrize("solver", ["RK45", "DOP853", "Rodas5P", "auto"])
 @pytest.mark.parametrize("backend", ["numpy", "interpreted"])
 def test_adaptive_solver_that_gives_up_keeps_the_log(solver, backend):
     with pytest.raises(
@@ -203,7 +203,7 @@ def test_adaptive_solver_that_gives_up_keeps_the_log(solver, backend):
     assert result.sizes["time"] in (9, 10)  # 0.45 s itself may or may not be reached
 
 
-@pytest.mark.parametrize("solver", ["RK45", "LSODA", "BDF", "Radau"])
+@pytest.mark.parametrize("solver", ["RK45", "Rodas5P", "auto"])
 def test_derivative_that_is_not_finite_at_the_start(solver):
     diagram = Diagram("d")
     bad, log = diagram.add(bad=Integrator(), log=Function(np.log))

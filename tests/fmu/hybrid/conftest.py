@@ -32,7 +32,7 @@ from trussflow.blocks import (
 TIME_STEP = 0.02
 FIXED_STEP = {"step": TIME_STEP}
 PRECISE = {"rtol": 1e-11, "atol": 1e-13}
-TOLERANCES = {"RK45": 3e-9, "LSODA": 1e-7, "BDF": 1e-7, "Radau": 1e-7}
+TOLERANCES = {"RK45": 3e-9, "Rodas5P": 1e-7}
 
 
 class RestingBall(Ball):

@@ -27,7 +27,7 @@ SOLVERS = ("rk4", "RK45", "DOP853", "LSODA", "BDF", "Radau")
 
 # Parabolas are exact for methods of order two and above but for round-off; the multistep
 # methods start with order one and keep to their tolerance.
-ACCURACY = {"BDF": 1e-5, "LSODA": 1e-5}
+ACCURACY = {"Rodas5P": 1e-5, "auto": 1e-5}
 
 
 def height(t, g=9.81, e=0.7):

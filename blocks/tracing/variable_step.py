@@ -1,0 +1,139 @@
+"""Data of the compiled variable-step methods: tables of coefficients, and the sparse Jacobian."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from trussflow.blocks.support.types import Vector
+from trussflow.blocks.tracing.program import Program
+from trussflow.blocks.tracing.tableaus import METHODS, STIFF_METHOD, tableau
+
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class SparseJacobian:
+    """Sparse Jacobian of a derivative by the states and by time, from few directional derivatives.
+
+    Columns without a common row have one colour, and one directional derivative gives the elements of all
+    columns of a colour (Curtis, Powell and Reid 1974).
+
+    Attributes
+    ----------
+    derivative : Program
+        Program of dx/dt, of (t, x, d, p).
+    """
+
+    derivative: Program
+
+    @cached_property
+    def size(self) -> int:
+        """Number of states n [-]."""
+        return int(self.derivative.inputs[1].numel())
+
+    @cached_property
+    def pattern(self) -> ca.Sparsity:
+        """Pattern of the derivatives by the n states, and by time in the last column."""
+        function = self.derivative.expanded
+        return ca.horzcat(function.jac_sparsity(0, 1), function.jac_sparsity(0, 0))
+
+    @cached_property
+    def tangent(self) -> Program:
+        """Program of the directional derivative; its second input is the states and the direction."""
+        t, x, d, p = self.derivative.inputs
+        direction = ca.SX.sym("direction", self.size + 1)
+        slope = ca.jtimes(
+            self.derivative.expanded(t, x, d, p), ca.vertcat(x, t), direction
+        )
+        inputs = (t, ca.vertcat(x, direction), d, p)
+        return Program("tangent", inputs, (), ca.densify(slope))
+
+    @cached_property
+    def colors(self) -> list[Indices]:
+        """Columns of each colour."""
+        found = self.pattern.uni_coloring()
+        return np.split(np.array(found.row(), dtype=int), found.colind()[1:-1])
+
+    @cached_property
+    def elements(self) -> list[tuple[Indices, Indices]]:
+        """Rows and columns of the elements of each colour."""
+        begin, rows = np.array(self.pattern.colind()), np.array(self.pattern.row(), int)
+        counts = np.diff(begin)
+        return [
+            (
+                # Empty rows first, as a constant derivative has no columns.
+                np.concatenate([rows[:0], *(rows[begin[c] : begin[c + 1]] for c in columns)]),
+                np.repeat(columns, counts[columns]),
+            )
+            for columns in self.colors
+        ]
+
+    def tables(self) -> dict[str, Any]:
+        """Return the tables of variable_step.h by name: the order of elimination, the fill, and the colours."""
+        n = self.size
+        square = self.derivative.expanded.jac_sparsity(0, 1)
+        symmetric = square + square.T + ca.Sparsity.diag(n)
+        fill, order = symmetric.ldl()
+        # Places of the elements of U and, transposed, of L, by column.
+        filled = np.array(fill.find(), dtype=int)
+        place_of = np.argsort(np.array(order, dtype=int))
+        places = []
+        for rows, columns in self.elements:
+            by_time = columns == n
+            i, j = place_of[rows], place_of[np.where(by_time, 0, columns)]
+            low, high = np.minimum(i, j), np.maximum(i, j)
+            place = np.searchsorted(filled, low + high * n) + fill.nnz() * (i > j)
+            place = np.where(i == j, 2 * fill.nnz() + i, place)
+            places.append(np.where(by_time, 2 * fill.nnz() + n + rows, place))
+        starts = [np.cumsum([0, *map(len, parts)]) for parts in (self.colors, places)]
+        return {
+            "order": order,
+            "fill_begin": fill.colind(),
+            "fill": fill.row(),
+            "seeds_begin": starts[0],
+            "seeds": np.concatenate(self.colors),
+            "entries_begin": starts[1],
+            "entry_rows": np.concatenate([rows for rows, _ in self.elements]),
+            "entry_places": np.concatenate(places),
+        }
+
+
+def definitions(jacobian: SparseJacobian | None) -> str:
+    """Return the C definitions that variable_step.h needs; without a Jacobian, methods are explicit only."""
+    methods = METHODS if jacobian else METHODS[:-1]
+    lines, rows = list[str](), list[str]()
+    for method in methods:
+        found = tableau(method)
+        sizes = (found.stages, *found.a.shape, *found.dense.shape, found.order)
+        members = [*map(str, (*sizes, found.limit, found.gamma))]
+        for name in ("a", "c", "error", "dense", "coupling", "slope"):
+            members.append(f"tf_{method}_{name}")
+            lines.append(_table("double", members[-1], getattr(found, name).ravel()))
+        rows.append(f"{{{', '.join(members)}}}")
+    all_found = [tableau(method) for method in methods]
+    macros = {
+        "TF_VARIABLE": 1,
+        "TF_STIFF": int(jacobian is not None),
+        "TF_STIFF_METHOD": METHODS.index(STIFF_METHOD),
+        "TF_METHODS": ", ".join(rows),
+        "TF_ROWS": max(len(found.a) for found in all_found),
+        "TF_DENSE_ROWS": 3 + max(len(found.dense) for found in all_found),
+    }
+    if jacobian:
+        tables = jacobian.tables()
+        macros |= {"TF_FILL": len(tables["fill"]), "TF_COLORS": len(jacobian.colors)}
+        lines += [_table("int", f"tf_{name}", table) for name, table in tables.items()]
+    return "\n".join([*lines, *(f"#define {n} {v}" for n, v in macros.items()), ""])
+
+
+def _table(kind: str, name: str, values: Iterable[Any]) -> str:
+    """Return the C definition of a constant array of a `kind`, with at least one element."""
+    elements = ", ".join(map(str, values)) or "0"
+    return f"static const {kind} {name}[] = {{{elements}}};"
