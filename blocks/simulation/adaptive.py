@@ -190,7 +190,6 @@ class VariableSteps:
         """Go to the end of the step that was taken last, or to the first event in it."""
         c = self._control
         x = self._x
-        step = self._now - c.t
         x[:] = self._arrived
         c.t, c.stepped = self._now, 0
         # The last stage of an explicit method is the slope at its end; after a change of the method
@@ -199,7 +198,7 @@ class VariableSteps:
             used = self._used
             self._slope = None if used.gamma else self._k[used.stages].copy()
         if self._event and self._watch is not None:
-            x[:] = self._watch.handle(c.t, x, step)
+            x[:] = self._watch.handle(c.t, x, self._h)
             # A jump makes the step size and the slope invalid: the solver starts anew.
             c.h, self._slope = 0.0, None
         self._executor.keep_loops(min(c.t, self._last), x, self._d, self._p)
@@ -256,6 +255,9 @@ class VariableSteps:
         c = self._control
         self._used = used = tableau(self._method)
         c.failed, self._failed, self._dense = np.nan, None, None
+        if stop <= c.t:  # a time event that is due already
+            self._now, self._h, self._next = c.t, 0.0, self._x
+            return
         if self._slope is None:
             self._slopes = None
             self._slope = self._rate(c.t, self._x)
@@ -412,6 +414,7 @@ class VariableSteps:
             t = min(self._control.t + used.c[i] * h, self._last)
             point = self._x + h * (used.a[i, :i] @ k[:i])
             k[i] = self._executor.call("derivative", t, point, self._d, self._p)
+            self._control.evaluations += 1
         moved = self._next - self._x
         if used.gamma:
             return np.array([moved, *(used.dense @ k)])

@@ -538,7 +538,9 @@ class CompiledExecutor(Executor):
         # The faults are numbered by the first enum of events.h.
         match self._fault.value:
             case 1 | 2 as which:
-                refuse_not_finite(self.plan, t, self._bad[: x.size] if which == 1 else x, d)
+                refuse_not_finite(
+                    self.plan, t, self._bad[: x.size] if which == 1 else x, d
+                )
             case 3:
                 not_a_number(self.plan, self._bad[: self.plan.kinds.size], t, x, d, p)
             case 4:

@@ -26,11 +26,7 @@ from trussflow.blocks.errors import DivergenceError, SimulationError, TrussflowE
 from trussflow.blocks.framework.clock import ticks, written
 from trussflow.blocks.results.log import Log
 from trussflow.blocks.results.state_file import Snapshot
-from trussflow.blocks.simulation.adaptive import (
-    AUTOMATIC_START,
-    AdaptiveError,
-    Control,
-)
+from trussflow.blocks.simulation.adaptive import AUTOMATIC_START, AdaptiveError, Control
 from trussflow.blocks.simulation.executor import Executor, NumPyExecutor, Progress, Span
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.step_size_warnings import (
@@ -629,7 +625,9 @@ class Run:
         # Sampled along the tangent: the states at both ends of the step may lie on one side of
         # the jump, while the solver's stages see both sides.
         def rate(h: float) -> Vector:
-            return self.executor.call("derivative", t + h, x + h * slope, self.d, self.p)
+            return self.executor.call(
+                "derivative", t + h, x + h * slope, self.d, self.p
+            )
 
         low, high = 0.0, self.time - t
         before, after = slope, rate(high)

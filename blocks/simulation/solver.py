@@ -102,9 +102,7 @@ class Solver:
             raise SimulationError(
                 f"rtol = {self.rtol!r} must be at least {MIN_RTOL:.2g} (round-off) and below 1"
             )
-        if isinstance(self.solver, str) and (
-            instead := REPLACEMENTS.get(self.solver)
-        ):
+        if isinstance(self.solver, str) and (instead := REPLACEMENTS.get(self.solver)):
             raise SimulationError(
                 f"there is no solver '{self.solver}' any more: use '{instead}'"
             )

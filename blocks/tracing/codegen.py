@@ -182,9 +182,7 @@ def _parameters(numbers: Numbers) -> str:
     return ", ".join([*given, f"{numbers.type}* restrict result"])
 
 
-def content(
-    programs: Sequence[Program], lanes: int = 1, variable: bool = False
-) -> str:
+def content(programs: Sequence[Program], lanes: int = 1, variable: bool = False) -> str:
     """Return a text that determines the C sources of programs; it is faster to make than the sources.
 
     Parameters

@@ -179,9 +179,7 @@ def _rodas5p() -> Tableau:
         c=np.array([*RODAS5P_TIMES, 1.0, 1.0, 1.0, 1.0]),
         error=np.eye(9)[[7, 8]] * [[1.0], [0.0]],
         # In powers of the part of the step before and after the time, in turn.
-        dense=np.column_stack(
-            [[second, third + fourth, -fourth], np.zeros(3)],
-        ),
+        dense=np.column_stack([[second, third + fourth, -fourth], np.zeros(3)]),
         order=5,
         gamma=RODAS5P_GAMMA,
         coupling=coupling,

@@ -6,7 +6,6 @@ static int tf_arrive(const tf_model* m, tf_stepper* s, tf_variable* v, double* x
   tf_control* c = v->control;
   const double after = v->now < v->last ? v->now : v->last;
 #if TF_EVENTS
-  const double step = v->now - c->t;
   int fault;
 #endif
   memcpy(x, s->steps.next, TF_X * sizeof *x);
@@ -16,7 +15,7 @@ static int tf_arrive(const tf_model* m, tf_stepper* s, tf_variable* v, double* x
   else
     v->has_slope = 0;
 #if TF_EVENTS
-  if ((fault = tf_settle(m, s, v->now, step, 1, x, d, p)) != TF_FINE) return fault;
+  if ((fault = tf_settle(m, s, v->now, v->h, 1, x, d, p)) != TF_FINE) return fault;
 #endif
   /* A jump makes the step size and the slope invalid: the solver starts anew. */
   if (v->event) c->h = 0.0, v->has_slope = 0;

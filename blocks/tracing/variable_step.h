@@ -247,6 +247,11 @@ static int tf_step(tf_variable* v, double stop) {
   v->method = tf_tableaus + c->method;
   c->failed = NAN;
   v->has_dense = 0;
+  if (stop <= c->t) { /* a time event that is due already */
+    v->now = c->t, v->h = 0.0;
+    memcpy(v->next, v->x, TF_X * sizeof *v->x);
+    return 1;
+  }
   if (!v->has_slope) {
     if (!tf_rate(v, c->t, v->x, v->slope)) return 0;
     v->has_slope = 1, v->has_jacobian = 0;

@@ -11,8 +11,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks.support.types import Vector
-from trussflow.blocks.tracing.program import Program
+from trussflow.blocks.tracing.kernels import Kernel, KernelCall
+from trussflow.blocks.tracing.program import Program, lower
 from trussflow.blocks.tracing.tableaus import METHODS, STIFF_METHOD, tableau
 
 Indices = NDArray[np.int64]
@@ -46,14 +46,30 @@ class SparseJacobian:
 
     @cached_property
     def tangent(self) -> Program:
-        """Program of the directional derivative; its second input is the states and the direction."""
+        """Program of the directional derivative; its second input is the states and the direction.
+
+        Each kernel call is followed by a call of the kernel's directional derivative.
+        """
         t, x, d, p = self.derivative.inputs
         direction = ca.SX.sym("direction", self.size + 1)
-        slope = ca.jtimes(
-            self.derivative.expanded(t, x, d, p), ca.vertcat(x, t), direction
-        )
-        inputs = (t, ca.vertcat(x, direction), d, p)
-        return Program("tangent", inputs, (), ca.densify(slope))
+        symbols, slopes = [x, t], [direction]
+        calls, kernels = list[KernelCall](), dict[int, Kernel]()
+
+        def slope(expression: ca.SX) -> ca.SX:
+            along = ca.jtimes(
+                ca.vec(expression), ca.vertcat(*symbols), ca.vertcat(*slopes)
+            )
+            return ca.reshape(along, *expression.shape)
+
+        for number, call in enumerate(self.derivative.calls):
+            kernel = kernels.setdefault(id(call.kernel), _tangent_of(call.kernel))
+            results = ca.SX.sym(f"slope{number}", *call.symbols.shape)
+            inputs = ca.vertcat(call.inputs, slope(call.inputs))
+            calls += [call, KernelCall(kernel, inputs, results)]
+            symbols.append(ca.vec(call.symbols))
+            slopes.append(ca.vec(results))
+        arguments = (t, ca.vertcat(x, direction), d, p)
+        return lower("tangent", arguments, slope(self.derivative.result), calls)
 
     @cached_property
     def colors(self) -> list[Indices]:
@@ -69,7 +85,9 @@ class SparseJacobian:
         return [
             (
                 # Empty rows first, as a constant derivative has no columns.
-                np.concatenate([rows[:0], *(rows[begin[c] : begin[c + 1]] for c in columns)]),
+                np.concatenate(
+                    [rows[:0], *(rows[begin[c] : begin[c + 1]] for c in columns)]
+                ),
                 np.repeat(columns, counts[columns]),
             )
             for columns in self.colors
@@ -103,6 +121,16 @@ class SparseJacobian:
             "entry_rows": np.concatenate([rows for rows, _ in self.elements]),
             "entry_places": np.concatenate(places),
         }
+
+
+def _tangent_of(kernel: Kernel) -> Kernel:
+    """Return the kernel of the directional derivative: its input is that of `kernel`, and the direction."""
+    function = kernel.near() if kernel.near else kernel.function
+    at = ca.SX.sym("at", function.numel_in(0))
+    direction = ca.SX.sym("direction", at.numel())
+    slope = ca.densify(ca.jtimes(function(at), at, direction))
+    found = ca.Function("tangent", [ca.vertcat(at, direction)], [slope])
+    return Kernel(found, found.serialize())
 
 
 def definitions(jacobian: SparseJacobian | None) -> str:
