@@ -102,9 +102,10 @@ class Solver:
             raise SimulationError(
                 f"rtol = {self.rtol!r} must be at least {MIN_RTOL:.2g} (round-off) and below 1"
             )
-        if isinstance(self.solver, str) and (instead := REPLACEMENTS.get(self.solver)):
+        # Not by the dictionary alone: a solver that is no text may have no hash.
+        if self.solver in tuple(REPLACEMENTS):
             raise SimulationError(
-                f"there is no solver '{self.solver}' any more: use '{instead}'"
+                f"there is no solver '{self.solver}' any more: use '{REPLACEMENTS[self.solver]}'"
             )
         one_of("solver", self.solver, (*FIXED_STEP, *METHODS))
         one_of("backend", self.backend, BACKENDS)

@@ -195,17 +195,12 @@ def content(programs: Sequence[Program], lanes: int = 1, variable: bool = False)
         As for `c_sources`.
     """
     # The text includes the generator itself: a new version must not find old libraries.
-    made_by = ("codegen.py", "instructions.py", "loop_rerolling.py", "operations.py")
-    made_of = ("fma.h", "lanes.h", *FIXED_STEP_FILES)
+    parts = ["codegen.py", "instructions.py", "loop_rerolling.py", "operations.py"]
+    parts += ["fma.h", "lanes.h", *FIXED_STEP_FILES]
     if variable:
-        made_by += ("tableaus.py", "variable_step.py")
-        made_of += VARIABLE_FILES
+        parts += ["tableaus.py", "variable_step.py", *VARIABLE_FILES]
     return "\0".join(
-        [
-            str(lanes),
-            *(program.code for program in programs),
-            *map(c_file, made_by + made_of),
-        ]
+        [str(lanes), *(program.code for program in programs), *map(c_file, parts)]
     )
 
 

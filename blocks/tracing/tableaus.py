@@ -54,12 +54,16 @@ RODAS5P_COUPLING = (
 )
 """Coefficients of the earlier increments in the equations of the stages of Rodas5P [-]."""
 
-RODAS5P_TIMES = (0.0, 0.6358126895828704, 0.4095798393397535)
-RODAS5P_TIMES += (0.9769306725060716, 0.4288403609558664)
+RODAS5P_TIMES = (
+    *(0.0, 0.6358126895828704, 0.4095798393397535),
+    *(0.9769306725060716, 0.4288403609558664),
+)
 """Times of the first stages of Rodas5P, in steps [-]; those of the others are 1."""
 
-RODAS5P_SLOPES = (RODAS5P_GAMMA, -0.42387512638858027, -0.3384627126235924)
-RODAS5P_SLOPES += (1.8046452872882734, 2.325825639765069)
+RODAS5P_SLOPES = (
+    *(RODAS5P_GAMMA, -0.42387512638858027, -0.3384627126235924),
+    *(1.8046452872882734, 2.325825639765069),
+)
 """Coefficients of the derivative by time in the first stages of Rodas5P [-]; the others are 0."""
 
 RODAS5P_DENSE = (

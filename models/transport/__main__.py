@@ -47,7 +47,7 @@ RESULT_KEYS = {
 }
 """Keys of the mission file for attributes of the result."""
 
-STIFF_SOLVER = "auto"
+STIFF_SOLVER = "Rodas5P"
 """Default solver for PD, whose fastest pole, k_d over the least inertia, is near 1e7 1/s."""
 
 

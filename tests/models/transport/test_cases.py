@@ -36,7 +36,7 @@ def flown(request):
         case, plant, options = RUNS[name]
         truss = getattr(SpaceTruss, plant)()
         diagram = transport_diagram(Mission.of_case(case), truss, **options)
-        solver = "auto" if name == "pd" else "rk4"
+        solver = "Rodas5P" if name == "pd" else "rk4"
         simulator = Simulator(
             diagram, step=1e-3, solver=solver, log=logged(diagram), log_step=0.01
         )

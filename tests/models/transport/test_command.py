@@ -127,7 +127,7 @@ def test_plant_and_observer_are_options(tmp_path):
         ),
         (
             ["--live", "--controller", "pd"],
-            "--live needs a solver with fixed steps, not auto: set --solver rk4",
+            "--live needs a solver with fixed steps, not Rodas5P: set --solver rk4",
         ),
         (
             ["--step", "0.003", "--duration", "1"],
