@@ -85,7 +85,7 @@ class Control(ctypes.Structure):
 
     @classmethod
     def of(cls, solver: str, rtol: float, atol: float, brief: float) -> Control:
-        """Return the control of a run by one of the `METHODS`; other arguments as the attributes."""
+        """Return the control of a run by a `solver` of `METHODS`; others as the attributes [-, unit, s]."""
         automatic = solver == "auto"
         method = AUTOMATIC_START if automatic else solver
         return cls(

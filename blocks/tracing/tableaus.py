@@ -96,21 +96,21 @@ class Tableau:
         Number of stages s [-].
     a : Vector
         Coefficients of the points of the stages, row by row; row s is the state after the step, and the
-        rows after it are those of further stages for dense output.
+        rows after it are those of further stages for dense output [-].
     c : Vector
-        Times of these points in steps [-].
+        Times of these points, in steps [-].
     error : Vector
-        Two rows of coefficients of error estimates; the second one is zero if there is a single estimate.
+        Two rows of coefficients of error estimates; the second is zero if there is a single estimate [-].
     dense : Vector
-        Rows of coefficients of the dense output.
+        Rows of coefficients of the dense output [-].
     order : int
-        Order of the error of one step that the estimate has in the step [-].
+        Order in the step of the estimate of the error of one step [-].
     limit : float
         Length of steps at the limit of stability, times the modulus of the eigenvalue [-].
     gamma : float
         Diagonal coefficient of a Rosenbrock method; 0 for an explicit one [-].
     coupling, slope : Vector
-        Coefficients of earlier increments and of the derivative by time of a Rosenbrock method.
+        Coefficients of earlier increments and of the derivative by time of a Rosenbrock method [-].
     """
 
     stages: int
