@@ -534,6 +534,8 @@ class Run:
                 control.begin(float(start), float(end))
                 self._vary(control, self._logged_inside(start, end))
                 self.go_to(end)
+        except AdaptiveError as error:
+            raise self._gave_up(*error.args) from error
         finally:
             self._count(control)
 
@@ -567,8 +569,6 @@ class Run:
             started = time.perf_counter()
             try:
                 self.executor.vary(control, self.x, self.d, self.p, times, rows)
-            except AdaptiveError as error:
-                raise self._gave_up(*error.args) from error
             finally:
                 if log is not None and control.rows:
                     log.keep(times[: control.rows], control.rows)
