@@ -1,0 +1,279 @@
+"""Variable steps: orders, twins in C and Python, sparse Jacobian, automatic choice, statistics."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+from numpy.testing import assert_allclose
+
+from trussflow.blocks import (
+    Block,
+    Diagram,
+    Event,
+    Integrator,
+    MatrixGain,
+    Mode,
+    Output,
+    Simulator,
+    State,
+    simulate,
+)
+from trussflow.blocks.errors import SimulationError
+from trussflow.blocks.simulation.adaptive import METHODS, Control
+from trussflow.blocks.simulation.prepared import Prepared
+from trussflow.blocks.simulation.solver import Solver
+from trussflow.blocks.tracing.kernels import repeated
+from trussflow.blocks.tracing.plan import Plan
+from trussflow.blocks.tracing.quantities import derivative
+
+ORDER_TOLERANCE = 0.1
+TIME_TOLERANCE = 1e-10  # of events [s]
+BACKENDS = ("compiled", "interpreted", "numpy")
+ROUND_OFF = 1e-12
+
+
+class Equations(Block):
+    """States x with x' = rates(t, x)."""
+
+    y = Output("size")
+    x = State("size")
+
+    def __init__(self, rates, start):
+        self.rates = rates
+        self.start = np.array(start, dtype=float)
+        self.size = self.start.size
+        super().__init__()
+
+    def initial(self, name, p):
+        return self.start
+
+    def output(self, t, x, u, p):
+        return {"y": x.x}
+
+    def derivative(self, t, x, u, p):
+        return {"x": self.rates(t, x.x)}
+
+
+def diagram_of(rates, start):
+    diagram = Diagram("d")
+    diagram.add(block=Equations(rates, start))
+    return diagram
+
+
+def swinging(t, x):
+    """Return rates whose solution from (1, 0) is exp(sin t) (cos t, sin t)."""
+    return np.stack([np.cos(t) * x[0] - x[1], x[0] + np.cos(t) * x[1]])
+
+
+def exact_swing(t):
+    return np.exp(np.sin(t)) * np.stack([np.cos(t), np.sin(t)])
+
+
+def end_by_equal_steps(solver, backend, number, until=2.0):
+    """Return states and dense output in the middle of the last step after a `number` of equal steps."""
+    simulator = Simulator(
+        diagram_of(swinging, [1.0, 0.0]), solver=solver, backend=backend, log_step=1.0
+    )
+    with simulator.opened(until) as run:
+        control = Control.of(solver, 1e6, 1e6, 0.0)  # all steps are accepted
+        control.begin(0.0, until)
+        rows, times = np.zeros((1, 2)), np.zeros(0)
+        run.executor.vary(control, run.x, run.d, run.p, times, rows)  # begins only
+        for k in range(number):
+            if k == number - 1:
+                times = np.array([until * (1.0 - 0.5 / number)])
+                control.wanted = control.room = 1
+            control.h, control.most = until / number, 1
+            run.executor.vary(control, run.x, run.d, run.p, times, rows)
+        assert control.steps == number
+        assert control.t == pytest.approx(until)
+        return run.x.copy(), rows[0].copy(), times[0]
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize(
+    ("solver", "order", "numbers"),
+    [("RK45", 5, (128, 256)), ("DOP853", 8, (16, 24)), ("Rodas5P", 5, (64, 128))],
+)
+def test_order_of_equal_steps(solver, order, numbers, backend):
+    if solver == "Rodas5P" and backend == "numpy":
+        pytest.skip("its Jacobian by differences is not exact")
+    errors = []
+    for number in numbers:
+        found, dense, t = end_by_equal_steps(solver, backend, number)
+        errors.append(np.abs(found - exact_swing(2.0)).max())
+        # The dense output is of an order one less, and no worse than ten times the error at the end.
+        assert np.abs(dense - exact_swing(t)).max() < 10.0 * errors[-1]
+    slope = np.log(errors[0] / errors[1]) / np.log(numbers[1] / numbers[0])
+    assert slope == pytest.approx(order, abs=ORDER_TOLERANCE)
+
+
+class Swing(Block):
+    """A swing that counts its passages of zero upwards, and keeps the time of the last one."""
+
+    time = Output()
+    x, v = State(initial=0.5), State(initial=-1.0)
+    last, count = Mode(), Mode()
+    rise = Event("rising")
+
+    def output(self, t, x, u, p):
+        return {"time": x.last}
+
+    def derivative(self, t, x, u, p):
+        return {"x": x.v, "v": -x.x}
+
+    def indicators(self, t, x, u, p):
+        return {"rise": x.x}
+
+    def on_event(self, t, x, u, p, fired):
+        return {"last": t, "count": x.count + 1.0}
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("solver", METHODS)
+def test_events_are_located_exactly(solver, backend):
+    diagram = Diagram("d")
+    diagram.add(swing=Swing())
+    result = simulate(
+        diagram, 20.0, solver=solver, backend=backend, rtol=1e-12, atol=1e-13
+    )
+    # x = r cos(t + a) with r cos a = 0.5 and r sin a = 1 rises at t + a = 3 pi / 2 + 2 pi k
+    exact = 1.5 * np.pi - np.arctan2(1.0, 0.5) + 2.0 * np.pi * np.arange(3)
+    found = np.unique(result["swing.time"].values)[1:]
+    tolerance = TIME_TOLERANCE if backend != "numpy" else 1e-8
+    assert_allclose(found, exact, rtol=0, atol=tolerance)
+
+
+def stiff(t, x):
+    """Return rates of the problem of Prothero and Robinson, whose solution is sin(t), and of an oscillator."""
+    return np.stack([1e4 * (np.sin(t) - x[0]) + np.cos(t), x[2], -x[1] * x[0] ** 2])
+
+
+@pytest.mark.parametrize("solver", METHODS)
+def test_compiled_steps_are_those_in_python(solver):
+    settings = {"rtol": 1e-6, "atol": 1e-8, "log_step": 0.1}
+    first, *others = [
+        simulate(
+            diagram_of(stiff, [0.0, 1.0, 0.0]),
+            1.0,
+            solver=solver,
+            backend=backend,
+            **settings,
+        )
+        for backend in BACKENDS[:2]
+    ]
+    assert first.attrs["steps"] > 10
+    assert_allclose(first["block.y"][:, 0], np.sin(first.time), rtol=0, atol=1e-4)
+    for other in others:
+        for name in ("steps", "rejected_steps", "evaluations", "factorizations"):
+            # Round-off may change the last decimal of a step.
+            assert other.attrs[name] == pytest.approx(
+                first.attrs[name], abs=3, rel=0.01
+            )
+        assert_allclose(other["block.y"], first["block.y"], rtol=0, atol=1e-5)
+
+
+def test_automatic_choice_says_what_it_did():
+    smooth = simulate(diagram_of(swinging, [1.0, 0.0]), 2.0, solver="auto")
+    assert smooth.attrs["method"] == "DOP853: no step was limited by stability"
+    assert smooth.attrs["factorizations"] == 0
+    result = simulate(diagram_of(stiff, [0.0, 1.0, 0.0]), 1.0, solver="auto")
+    assert result.attrs["method"].startswith("Rodas5P: since t = 0.0")
+    assert 0 < result.attrs["factorizations"] <= result.attrs["evaluations"] / 8
+    explicit = simulate(diagram_of(stiff, [0.0, 1.0, 0.0]), 1.0, solver="DOP853")
+    assert result.attrs["evaluations"] < explicit.attrs["evaluations"] / 10
+    assert explicit.attrs["method"] == "DOP853"
+
+
+def random_rates(rng, size):
+    """Return linear rates with a random sparse matrix, and the matrix."""
+    matrix = np.where(
+        rng.random((size, size)) < 3.0 / size, rng.normal(size=(size,) * 2), 0
+    )
+    matrix -= np.diag(rng.uniform(0.0, 1e5, size))
+    rows = [
+        [(float(matrix[i, j]), j) for j in np.flatnonzero(matrix[i])]
+        for i in range(size)
+    ]
+    return (
+        lambda _, x: np.stack([sum(a * x[j] for a, j in row) for row in rows]),
+        matrix,
+    )
+
+
+@pytest.mark.parametrize("size", [1, 2, 7, 40])
+def test_random_sparse_matrices_are_factorized(size):
+    rates, matrix = random_rates(np.random.default_rng(size), size)
+    result = simulate(
+        diagram_of(rates, np.ones(size)), 1.0, solver="Rodas5P", backend="compiled"
+    )
+    exact = scipy.linalg.expm(matrix) @ np.ones(size)
+    assert_allclose(result["block.y"][-1], exact, rtol=0, atol=1e-7)
+
+
+def test_rows_without_derivatives():
+    """One rate is constant, one depends on time only, and one on another state."""
+    rates = lambda t, x: np.stack([1.0 + 0.0 * x[0], 2.0 * t, 3.0 * x[1]])  # noqa: E731
+    result = simulate(diagram_of(rates, np.zeros(3)), 2.0, solver="Rodas5P")
+    assert_allclose(result["block.y"][-1], [2.0, 4.0, 8.0], rtol=1e-9)
+
+
+def bent(a, b):
+    return (np.sin(a) * b + np.exp(-a * b),)
+
+
+def ring(t, x):
+    n = len(x)
+    pairs = [(x[i], x[i - 1] * (1.0 + t)) for i in range(n)]
+    return np.stack([rate for (rate,) in repeated(bent, pairs)])
+
+
+def test_sparse_jacobian_is_exact():
+    """With kernels, against CasADi's derivative of the inlined equations."""
+    plan = Plan(diagram_of(ring, np.ones(9)))
+    prepared = Prepared(plan, [derivative()], Solver(solver="Rodas5P"))
+    program, jacobian = prepared.programs[0], prepared.jacobian
+    assert program.calls
+    assert len(jacobian.colors) < 5
+    x, t = np.linspace(-1.0, 1.0, 9), 0.7
+    found = np.zeros((9, 10))
+    for columns, (rows, places) in zip(jacobian.colors, jacobian.elements, strict=True):
+        seeds = np.zeros(10)
+        seeds[columns] = 1.0
+        slope = jacobian.tangent.function(t, np.r_[x, seeds], [], []).full().ravel()
+        found[rows, places] = slope[rows]
+    by_state = program.jacobian(1)(t, x, [], []).full()
+    by_time = program.jacobian(0)(t, x, [], []).full()
+    assert_allclose(found, np.hstack([by_state, by_time]), rtol=0, atol=ROUND_OFF)
+
+
+def test_large_diffusion_needs_few_evaluations():
+    """The slowest mode of a rod of 500 points decays by its exact factor."""
+    n, rate = 500, 1e4
+    mode = np.sin(np.pi * np.arange(1, n + 1) / (n + 1))
+    rates = lambda _, x: rate * np.diff(np.concatenate([[0.0], x, [0.0]]), n=2)  # noqa: E731
+    diagram = diagram_of(rates, mode)
+    result = simulate(diagram, 1.0, solver="Rodas5P", log_step=1.0, rtol=1e-6)
+    decay = np.exp(-2.0 * rate * (1.0 - np.cos(np.pi / (n + 1))))
+    assert_allclose(result["block.y"][-1], decay * mode, rtol=0, atol=1e-6)
+    assert result.attrs["evaluations"] < 1000
+
+
+@pytest.mark.parametrize("solver", METHODS)
+def test_rows_of_a_small_memory(solver, monkeypatch):
+    """Rows that do not fit into the memory of one call are written by the next ones."""
+    monkeypatch.setattr("trussflow.blocks.simulation.run.CHUNK_NUMBERS", 6)
+    diagram = Diagram("linear")
+    rate, block = diagram.add(
+        rate=MatrixGain([[0.0, 1.0], [-1.0, 0.0]]), block=Integrator([0.0, 1.0])
+    )
+    block >> rate >> block
+    result = simulate(diagram, 5.0, solver=solver, log_step=0.01)
+    assert_allclose(result["block.y"][:, 0], np.sin(result.time), rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "instead"), [("LSODA", "auto"), ("BDF", "Rodas5P"), ("Radau", "Rodas5P")]
+)
+def test_solvers_of_scipy_name_their_replacement(name, instead):
+    with pytest.raises(SimulationError, match=f"no solver '{name}' .* use '{instead}'"):
+        Solver(solver=name)
