@@ -7,6 +7,7 @@ from functools import cache, cached_property
 from itertools import chain
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from trussflow.blocks.errors import LinearAnalysisError
@@ -37,6 +38,7 @@ from trussflow.blocks.tracing.evaluation import Evaluation
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.quantities import Quantity, derivative
 from trussflow.blocks.tracing.quantities import outputs as values_of
+from trussflow.blocks.tracing.sparsity import ColumnGroup, column_groups
 
 RATES_AND_OUTPUTS = derivative().name
 """Name of the quantity made of dx/dt and then the values of ports."""
@@ -62,6 +64,8 @@ class OpenedModel:
         The traced quantities, keyed by name.
     forward, written_out : callable
         Derivatives of the quantity of a name: along given directions, and by all of (x, d).
+    groups : callable
+        Groups of columns of the Jacobian of the quantity of a name by (x, d).
     instants : Pattern or None
         Schedule of the sampled blocks; None without any.
     input_columns : array of int
@@ -118,6 +122,7 @@ class OpenedModel:
         # than a Jacobian in expanded form.
         self.forward = cache(lambda name: self.programs[name].expanded.forward(1))
         self.written_out = cache(lambda name: self.programs[name].jacobian(1, 2))
+        self.groups = cache(self._groups)
         self.instants: Pattern | None = pattern(self.assembly)
         self.output_rows = self.plan.x.size + _rows(taps)
 
@@ -151,6 +156,12 @@ class OpenedModel:
         # the same with and without cuts. `hstack` needs at least one array.
         d[self._cut_columns - x.size] = np.hstack([np.zeros(0), *map(np.ravel, values)])
         return point, (x, d, p)
+
+    def _groups(self, name: str) -> list[ColumnGroup]:
+        """Return the groups of columns of the Jacobian of the quantity `name` by (x, d)."""
+        function = self.programs[name].expanded
+        parts = [function.jac_sparsity(0, argument) for argument in (1, 2)]
+        return column_groups(ca.horzcat(*parts))
 
     def _columns(self, sources: Iterable[tuple[str, Indices]]) -> Indices:
         """Return where elements of the outputs of sources are in (x, d)."""
@@ -214,11 +225,19 @@ class LocalJacobians:
         number = x.size + d.size
         if not number:
             return np.zeros((model.programs[name].size, 0))
-        by_x, by_d = np.vsplit(np.eye(number), [x.size])
-        # One direction for each element of x and d, none for t and p.
-        seeds = np.zeros((1, number)), by_x, by_d, np.zeros((p.size, number))
+        groups = model.groups(name)
+        many = len(groups)
+        directions = np.zeros((number, many))
+        for k, group in enumerate(groups):
+            directions[group.columns, k] = 1.0
+        # One direction for each group of elements of x and d, none for t and p.
+        by_x, by_d = np.vsplit(directions, [x.size])
+        seeds = np.zeros((1, many)), by_x, by_d, np.zeros((p.size, many))
         value = model.programs[name].expanded(t, x, d, p)
-        found = model.forward(name).map(number)(t, x, d, p, value, *seeds).full()
+        slopes = model.forward(name).map(many)(t, x, d, p, value, *seeds).full()
+        found = np.zeros((model.programs[name].size, number))
+        for k, group in enumerate(groups):
+            found[group.rows, group.places] = slopes[group.rows, k]
         bad = ~np.isfinite(found)
         if bad.any():
             # A sweep multiplies an infinite slope by a zero of the direction, which is

@@ -356,15 +356,13 @@ class VariableSteps:
                 if step:
                     slopes[:, j] = (after - self._slope) / step
             return slopes[:, :-1], slopes[:, -1]
-        for columns, (rows, places) in zip(
-            self._structure.colors, self._structure.elements, strict=True
-        ):
+        for group in self._structure.groups:
             direction = np.zeros(x.size + 1)
-            direction[columns] = 1.0
+            direction[group.columns] = 1.0
             found = self._executor.call(
                 "tangent", t, np.concatenate([x, direction]), self._d, self._p
             )
-            slopes[rows, places] = found[rows]
+            slopes[group.rows, group.places] = found[group.rows]
         return slopes[:, :-1], slopes[:, -1]
 
     def _error(self, h: float) -> float:

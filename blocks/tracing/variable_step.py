@@ -9,21 +9,16 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from trussflow.blocks.tracing.kernels import Kernel, KernelCall
 from trussflow.blocks.tracing.program import Program, lower
+from trussflow.blocks.tracing.sparsity import ColumnGroup, column_groups
 from trussflow.blocks.tracing.tableaus import METHODS, STIFF_METHOD, tableau
-
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
 class SparseJacobian:
     """Sparse Jacobian of a derivative by the states and by time, from few directional derivatives.
-
-    Columns without a common row have one colour, and one directional derivative gives the elements of all
-    columns of a colour (Curtis, Powell and Reid 1974).
 
     Attributes
     ----------
@@ -37,12 +32,6 @@ class SparseJacobian:
     def size(self) -> int:
         """Number of states n [-]."""
         return int(self.derivative.inputs[1].numel())
-
-    @cached_property
-    def pattern(self) -> ca.Sparsity:
-        """Pattern of the derivatives by the n states, and by time in the last column."""
-        function = self.derivative.expanded
-        return ca.horzcat(function.jac_sparsity(0, 1), function.jac_sparsity(0, 0))
 
     @cached_property
     def tangent(self) -> Program:
@@ -72,29 +61,15 @@ class SparseJacobian:
         return lower("tangent", arguments, slope(self.derivative.result), calls)
 
     @cached_property
-    def colors(self) -> list[Indices]:
-        """Columns of each colour."""
-        found = self.pattern.uni_coloring()
-        return np.split(np.array(found.row(), dtype=int), found.colind()[1:-1])
-
-    @cached_property
-    def elements(self) -> list[tuple[Indices, Indices]]:
-        """Rows and columns of the elements of each colour."""
-        begin, rows = np.array(self.pattern.colind()), np.array(self.pattern.row(), int)
-        counts = np.diff(begin)
-        return [
-            (
-                # Empty rows first, as a constant derivative has no columns.
-                np.concatenate(
-                    [rows[:0], *(rows[begin[c] : begin[c + 1]] for c in columns)]
-                ),
-                np.repeat(columns, counts[columns]),
-            )
-            for columns in self.colors
-        ]
+    def groups(self) -> list[ColumnGroup]:
+        """Columns whose elements one directional derivative gives; time is the last column."""
+        function = self.derivative.expanded
+        return column_groups(
+            ca.horzcat(function.jac_sparsity(0, 1), function.jac_sparsity(0, 0))
+        )
 
     def tables(self) -> dict[str, Any]:
-        """Return the tables of variable_step.h by name: the order of elimination, the fill, and the colours."""
+        """Return the tables of variable_step.h by name: the order of elimination, the fill, and the groups."""
         n = self.size
         square = self.derivative.expanded.jac_sparsity(0, 1)
         symmetric = square + square.T + ca.Sparsity.diag(n)
@@ -103,22 +78,24 @@ class SparseJacobian:
         filled = np.array(fill.find(), dtype=int)
         place_of = np.argsort(np.array(order, dtype=int))
         places = []
-        for rows, columns in self.elements:
-            by_time = columns == n
-            i, j = place_of[rows], place_of[np.where(by_time, 0, columns)]
+        for group in self.groups:
+            by_time = group.places == n
+            i = place_of[group.rows]
+            j = place_of[np.where(by_time, 0, group.places)]
             low, high = np.minimum(i, j), np.maximum(i, j)
             place = np.searchsorted(filled, low + high * n) + fill.nnz() * (i > j)
             place = np.where(i == j, 2 * fill.nnz() + i, place)
-            places.append(np.where(by_time, 2 * fill.nnz() + n + rows, place))
-        starts = [np.cumsum([0, *map(len, parts)]) for parts in (self.colors, places)]
+            places.append(np.where(by_time, 2 * fill.nnz() + n + group.rows, place))
+        columns = [group.columns for group in self.groups]
+        starts = [np.cumsum([0, *map(len, parts)]) for parts in (columns, places)]
         return {
             "order": order,
             "fill_begin": fill.colind(),
             "fill": fill.row(),
             "seeds_begin": starts[0],
-            "seeds": np.concatenate(self.colors),
+            "seeds": np.concatenate(columns),
             "entries_begin": starts[1],
-            "entry_rows": np.concatenate([rows for rows, _ in self.elements]),
+            "entry_rows": np.concatenate([group.rows for group in self.groups]),
             "entry_places": np.concatenate(places),
         }
 
@@ -156,7 +133,7 @@ def definitions(jacobian: SparseJacobian | None) -> str:
     }
     if jacobian:
         tables = jacobian.tables()
-        macros |= {"TF_FILL": len(tables["fill"]), "TF_COLORS": len(jacobian.colors)}
+        macros |= {"TF_FILL": len(tables["fill"]), "TF_COLORS": len(jacobian.groups)}
         lines += [_table("int", f"tf_{name}", table) for name, table in tables.items()]
     return "\n".join([*lines, *(f"#define {n} {v}" for n, v in macros.items()), ""])
 

@@ -233,14 +233,14 @@ def test_sparse_jacobian_is_exact():
     prepared = Prepared(plan, [derivative()], Solver(solver="Rodas5P"))
     program, jacobian = prepared.programs[0], prepared.jacobian
     assert program.calls
-    assert len(jacobian.colors) < 5
+    assert len(jacobian.groups) < 5
     x, t = np.linspace(-1.0, 1.0, 9), 0.7
     found = np.zeros((9, 10))
-    for columns, (rows, places) in zip(jacobian.colors, jacobian.elements, strict=True):
+    for group in jacobian.groups:
         seeds = np.zeros(10)
-        seeds[columns] = 1.0
+        seeds[group.columns] = 1.0
         slope = jacobian.tangent.function(t, np.r_[x, seeds], [], []).full().ravel()
-        found[rows, places] = slope[rows]
+        found[group.rows, group.places] = slope[group.rows]
     by_state = program.jacobian(1)(t, x, [], []).full()
     by_time = program.jacobian(0)(t, x, [], []).full()
     assert_allclose(found, np.hstack([by_state, by_time]), rtol=0, atol=ROUND_OFF)
