@@ -23,7 +23,10 @@ state.y[0] >> table.u
 for solver in ("rk4", "euler"):
     for log_step in (0.01, 0.05):
         simulate(diagram, 1.0, step=0.01, solver=solver, log_step=log_step, backend="compiled")
-simulate(diagram, 1.0, solver="RK45", backend="compiled", progress=False)
+relay, turn, fall = diagram.add(relay=Relay(0.1, -0.1), turn=Gain(-1.0), fall=Integrator(0.5))
+fall >> relay >> turn >> fall
+for solver in ("RK45", "DOP853", "Rodas5P", "auto"):
+    simulate(diagram, 1.0, solver=solver, backend="compiled", progress=False)
 """
 
 OTHER_SCRIPT = """
