@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -73,14 +73,15 @@ class Control(ctypes.Structure):
         Numbers of steps limited by stability, and of others since [-].
     """
 
-    _fields_ = (
-        *((name, ctypes.c_double) for name in ("t", "end", "h", "rtol", "atol")),
-        *((name, ctypes.c_double) for name in ("brief", "failed", "switched")),
-        *((name, ctypes.c_longlong) for name in ("most", "wanted", "room", "rows")),
-        *((name, ctypes.c_longlong) for name in ("steps", "rejected", "evaluations")),
-        *((name, ctypes.c_longlong) for name in ("factorizations", "brief_steps")),
-        *((name, ctypes.c_int) for name in ("method", "automatic", "begun")),
-        *((name, ctypes.c_int) for name in ("stepped", "suspect", "calm")),
+    _fields_ = tuple(
+        (name, kind)
+        for kind, names in (
+            (ctypes.c_double, "t end h rtol atol brief failed switched"),
+            (ctypes.c_longlong, "most wanted room rows steps rejected evaluations"),
+            (ctypes.c_longlong, "factorizations brief_steps"),
+            (ctypes.c_int, "method automatic begun stepped suspect calm"),
+        )
+        for name in names.split()
     )
 
     @classmethod
@@ -102,6 +103,29 @@ class Control(ctypes.Structure):
         self.t, self.end, self.begun = t, end, 0
 
 
+class VariableSpan(NamedTuple):
+    """Variable steps that are taken in one call.
+
+    Attributes
+    ----------
+    control : Control
+        Settings and state.
+    x, d, p : Vector
+        States and discrete values, which change in place, and parameters [as declared].
+    times : Vector
+        Times to log inside the span that are left [s].
+    rows : Vector
+        Memory for the outputs at the first of them [as declared].
+    """
+
+    control: Control
+    x: Vector
+    d: Vector
+    p: Vector
+    times: Vector
+    rows: Vector
+
+
 class VariableSteps:
     """Variable steps of one span, in Python.
 
@@ -109,26 +133,17 @@ class VariableSteps:
     ----------
     executor : Executor
         Executor of the equations.
-    control : Control
-        Settings and state.
-    x, d, p : Vector
-        States and discrete values, which change in place, and parameters [as declared].
+    span : VariableSpan
+        The span, before its first step.
     jacobian : SparseJacobian or None
         Structure of the Jacobian; None for difference quotients.
     """
 
     def __init__(
-        self,
-        executor: Executor,
-        control: Control,
-        x: Vector,
-        d: Vector,
-        p: Vector,
-        jacobian: SparseJacobian | None,
+        self, executor: Executor, span: VariableSpan, jacobian: SparseJacobian | None
     ) -> None:
         self._executor = executor
-        self._control = control
-        self._x, self._d, self._p = x, d, p
+        self._control, self._x, self._d, self._p = control, x, d, p = span[:4]
         self._structure = jacobian
         self._watch = executor.watch(d, p)
         # A signal that jumps where the span ends has not jumped yet for a stage at the end.

@@ -19,7 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trussflow.blocks.errors import DivergenceError, SimulationError
-from trussflow.blocks.simulation.adaptive import AdaptiveError, Control, VariableSteps
+from trussflow.blocks.simulation.adaptive import (
+    AdaptiveError,
+    VariableSpan,
+    VariableSteps,
+)
 from trussflow.blocks.simulation.block_instances import OpenBlocks
 from trussflow.blocks.simulation.events import (
     EventWatch,
@@ -196,42 +200,24 @@ class Executor:
             return Progress(k, fault, error=error)
         return Progress(span.end - span.begin)
 
-    def vary(
-        self,
-        control: Control,
-        x: Vector,
-        d: Vector,
-        p: Vector,
-        times: Vector,
-        rows: Vector,
-    ) -> None:
-        """Advance by variable steps as the `control` says, in place.
-
-        The outputs at the `times` [s] inside the span are written to `rows` [as declared] in order. The twin
-        in C is ``tracing/variable_span.h``.
+    def vary(self, span: VariableSpan) -> None:
+        """Advance by variable steps as a `span` says, in place; the twin in C is ``variable_span.h``.
 
         Raises
         ------
         AdaptiveError
             If no step is small enough.
         """
-        if not x.size:
-            self._vary_without_states(control, x, d, p, times, rows)
+        if not span.x.size:
+            self._vary_without_states(span)
             return
-        if not control.begun or self._steps is None:
-            self._steps = VariableSteps(self, control, x, d, p, self.jacobian)
-        self._steps.advance(times, rows)
+        if not span.control.begun or self._steps is None:
+            self._steps = VariableSteps(self, span, self.jacobian)
+        self._steps.advance(span.times, span.rows)
 
-    def _vary_without_states(
-        self,
-        control: Control,
-        x: Vector,
-        d: Vector,
-        p: Vector,
-        times: Vector,
-        rows: Vector,
-    ) -> None:
+    def _vary_without_states(self, span: VariableSpan) -> None:
         """Go from row to row: without states, events are checked at the output times."""
+        control, x, d, p, times, rows = span
         number = min(control.wanted, control.room)
         ends = [*times[:number], *([control.end] if number == control.wanted else [])]
         control.rows = 0
@@ -504,19 +490,12 @@ class CompiledExecutor(Executor):
         except (SimulationError, DivergenceError) as error:
             return Progress(steps, "x", error=error)
 
-    def vary(
-        self,
-        control: Control,
-        x: Vector,
-        d: Vector,
-        p: Vector,
-        times: Vector,
-        rows: Vector,
-    ) -> None:
-        """Advance by variable steps as the `control` says, in place."""
+    def vary(self, span: VariableSpan) -> None:
+        """Advance by variable steps as a `span` says, in place."""
+        control, x, d, p, times, rows = span
         stiff = METHODS[control.method] == STIFF_METHOD
         if not x.size or (stiff and self.jacobian is None):
-            super().vary(control, x, d, p, times, rows)
+            super().vary(span)
             return
         to_x, to_d, to_p, _, _, to_log, to_times = self._addresses
         work, fault, bad = self._own

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from trussflow.blocks.errors import AlgebraicLoopError, DivergenceError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Signals
-from trussflow.blocks.simulation.adaptive import Control
+from trussflow.blocks.simulation.adaptive import VariableSpan
 from trussflow.blocks.simulation.block_instances import (
     BlockCall,
     OpenBlocks,
@@ -205,19 +205,12 @@ class PythonExecutor(Executor):
             return super().advance(span, x, d, p, log)
         return self._inner.advance(span, x, d, p, log)
 
-    def vary(
-        self,
-        control: Control,
-        x: Vector,
-        d: Vector,
-        p: Vector,
-        times: Vector,
-        rows: Vector,
-    ) -> None:
-        """Advance by variable steps as the `control` says, in place."""
-        continuous = self._python.continuous
-        vary = super().vary if continuous else self._inner.vary
-        vary(control, x, d, p, times, rows)
+    def vary(self, span: VariableSpan) -> None:
+        """Advance by variable steps as a `span` says, in place."""
+        if self._python.continuous:
+            super().vary(span)
+        else:
+            self._inner.vary(span)
 
     def instant(self, number: int, *point: *Point, update: bool = True) -> Vector:
         """Return d after an instant: Python blocks first, then the traced ones."""

@@ -26,7 +26,12 @@ from trussflow.blocks.errors import DivergenceError, SimulationError, TrussflowE
 from trussflow.blocks.framework.clock import ticks, written
 from trussflow.blocks.results.log import Log
 from trussflow.blocks.results.state_file import Snapshot
-from trussflow.blocks.simulation.adaptive import AUTOMATIC_START, AdaptiveError, Control
+from trussflow.blocks.simulation.adaptive import (
+    AUTOMATIC_START,
+    AdaptiveError,
+    Control,
+    VariableSpan,
+)
 from trussflow.blocks.simulation.executor import Executor, NumPyExecutor, Progress, Span
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.step_size_warnings import (
@@ -568,7 +573,9 @@ class Run:
             taken = control.steps
             started = time.perf_counter()
             try:
-                self.executor.vary(control, self.x, self.d, self.p, times, rows)
+                self.executor.vary(
+                    VariableSpan(control, self.x, self.d, self.p, times, rows)
+                )
             finally:
                 if log is not None and control.rows:
                     log.keep(times[: control.rows], control.rows)

@@ -18,7 +18,7 @@ from trussflow.blocks import (
     simulate,
 )
 from trussflow.blocks.errors import SimulationError
-from trussflow.blocks.simulation.adaptive import METHODS, Control
+from trussflow.blocks.simulation.adaptive import METHODS, Control, VariableSpan
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.solver import Solver
 from trussflow.blocks.tracing.kernels import repeated
@@ -77,13 +77,15 @@ def end_by_equal_steps(solver, backend, number, until=2.0):
         control = Control.of(solver, 1e6, 1e6, 0.0)  # all steps are accepted
         control.begin(0.0, until)
         rows, times = np.zeros((1, 2)), np.zeros(0)
-        run.executor.vary(control, run.x, run.d, run.p, times, rows)  # begins only
+        run.executor.vary(
+            VariableSpan(control, run.x, run.d, run.p, times, rows)
+        )  # begins only
         for k in range(number):
             if k == number - 1:
                 times = np.array([until * (1.0 - 0.5 / number)])
                 control.wanted = control.room = 1
             control.h, control.most = until / number, 1
-            run.executor.vary(control, run.x, run.d, run.p, times, rows)
+            run.executor.vary(VariableSpan(control, run.x, run.d, run.p, times, rows))
         assert control.steps == number
         assert control.t == pytest.approx(until)
         return run.x.copy(), rows[0].copy(), times[0]
