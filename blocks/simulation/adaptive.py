@@ -358,18 +358,17 @@ class VariableSteps:
         t, x = min(self._control.t, self._last), self._x
         slopes = np.zeros((x.size, x.size + 1))
         if self._structure is None:
-            for j, step in enumerate([*(DIFFERENCE * np.maximum(1.0, np.abs(x))), 0.0]):
-                there = x.copy()
-                if j < x.size:
-                    there[j] += step
-                else:
-                    step = min(DIFFERENCE * max(1.0, abs(t)), self._last - t)
-                assert self._slope is not None
+            assert self._slope is not None
+            at = np.append(x, t)
+            steps = DIFFERENCE * np.maximum(1.0, np.abs(at))
+            steps[-1] = min(steps[-1], self._last - t)
+            for j in np.flatnonzero(steps):
+                there = at.copy()
+                there[j] += steps[j]
                 after = self._executor.call(
-                    "derivative", t + step * (j == x.size), there, self._d, self._p
+                    "derivative", there[-1], there[:-1], self._d, self._p
                 )
-                if step:
-                    slopes[:, j] = (after - self._slope) / step
+                slopes[:, j] = (after - self._slope) / steps[j]
             return slopes[:, :-1], slopes[:, -1]
         for group in self._structure.groups:
             direction = np.zeros(x.size + 1)
