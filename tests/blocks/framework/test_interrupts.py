@@ -106,7 +106,7 @@ def test_ctrl_c_waits_for_what_must_not_be_left_half_way(outer):
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 @pytest.mark.parametrize("number", [5, campaign.only(100 * campaign.SIZE)])
-@pytest.mark.parametrize("settings", [{"step": 1e-3}, {"solver": "Radau"}])
+@pytest.mark.parametrize("settings", [{"step": 1e-3}, {"solver": "Rodas5P"}])
 def test_sessions_swallow_no_ctrl_c(settings, number, request):
     """In CasADi's interpreter, that is; one of three was swallowed, or became a SystemError.
 

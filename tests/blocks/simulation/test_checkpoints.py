@@ -300,7 +300,7 @@ def small_pieces(monkeypatch):
     monkeypatch.setattr(log, "BUFFER_ROWS", 7)
 
 
-@pytest.mark.parametrize("solver", ["rk4", "RK45", campaign.only("LSODA")])
+@pytest.mark.parametrize("solver", ["rk4", "RK45", campaign.only("auto")])
 def test_checkpoints_change_no_rows(solver, tmp_path):
     """Not a bit of fixed steps; adaptive solvers start afresh there, and stay within their tolerance."""
     running = simulator(solver)

@@ -106,7 +106,7 @@ def test_state_events_are_located(solver):
     simulate(diagram, 2.3, step=0.01, solver=solver, rtol=1e-10, atol=1e-12)
     exact = bounce_times(2.3)
     assert len(block.times) == exact.size > 5
-    accuracy = {"rk4": 1e-12, "BDF": 1e-6, "LSODA": 1e-6}.get(solver, 1e-9)
+    accuracy = {"rk4": 1e-12, "Rodas5P": 1e-6, "auto": 1e-6}.get(solver, 1e-9)
     assert_near(block.times, exact, accuracy)
 
 

@@ -276,7 +276,7 @@ def equal_names():
         (
             lambda: Gain(1.0),
             "made.c",
-            {"solver": "BDF"},
+            {"solver": "Rodas5P"},
             "kind='c' contains the solver rk4",
         ),
         (lambda: Gain(1.0), "no/made.c", {}, "there is no folder"),
