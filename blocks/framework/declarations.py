@@ -191,10 +191,16 @@ class Mode(State):
         super().__init__(shape, initial=initial, unit=unit, meaning=meaning)
 
 
-RISING, FALLING, EITHER, TIMED = 1, -1, 0, 2
+RISING, FALLING, EITHER, TIMED, TERMINAL = 1, -1, 0, 2, 3
 """Codes of the kinds of events, as in ``tracing/events.h``."""
 
-KINDS = {"both": EITHER, "rising": RISING, "falling": FALLING, "time": TIMED}
+KINDS = {
+    "both": EITHER,
+    "rising": RISING,
+    "falling": FALLING,
+    "time": TIMED,
+    "terminal": TERMINAL,
+}
 """Code of each kind of event, by its name in a declaration."""
 
 
@@ -208,7 +214,9 @@ class Event:
     kind : str
         ``"rising"``: a negative indicator becomes zero or positive. ``"falling"``: a positive indicator
         becomes zero or negative. ``"both"``: either. ``"time"``: the indicator is the time of the next
-        event [s], and changes only at events. An indicator that is zero at the initial time counts as
+        event [s], and changes only at events. ``"terminal"``: like ``"rising"``, and the run ends with the
+        status "ended", without a call of `on_event`; the block's attribute `message`, if there is one, is
+        the reason. An indicator that is zero at the initial time counts as
         negative, or for ``"falling"`` as positive. So it triggers the event when it leaves zero in the
         declared direction, for ``"both"`` only upwards.
     shape : shape

@@ -6,12 +6,11 @@ They declare events and modes, so every solver locates the switching times.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.errors import BlockError, ParameterError, RunStoppedError
+from trussflow.blocks.errors import BlockError, ParameterError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import (
     Attribute,
@@ -377,8 +376,7 @@ class StopWhen(Block):
     Connect ``a - b``, or a comparison ``a > b``, which ends the run when it becomes true. A signal that is
     positive at the start ends the run only when it rises again; a signal that is zero, when it first becomes
     positive. The solver locates the time. The result has the rows before, the status "ended", and the block
-    and time in its attribute "ended". `Session.advance` raises a `RunEndedError`. It is a Python block, so
-    steps are taken in Python.
+    and time in its attribute "ended". `Session.advance` raises a `RunEndedError`.
 
     Parameters
     ----------
@@ -386,30 +384,14 @@ class StopWhen(Block):
         Text for the attribute "ended" of the result.
     """
 
-    traced: ClassVar[bool] = False
-
     u = Input(meaning="signal that ends the run")
-    ends = Event("rising")
+    ends = Event("terminal")
     _symbol = Symbol("STOP")
 
     def __init__(self, message: object = "") -> None:
-        self.message = f" {message}" if isinstance(message, str) and message else ""
+        self.message = message if isinstance(message, str) else ""
         super().__init__()
 
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the input."""
         return {"ends": u.u}
-
-    def on_event(
-        self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals
-    ) -> Values:
-        """End the run.
-
-        Raises
-        ------
-        RunStoppedError
-            Always.
-        """
-        raise RunStoppedError(
-            f"'{self.path}' ended the run at t = {float(t):.12g} s{self.message}"
-        )

@@ -159,6 +159,7 @@ class Engine {
       2: `${this.named(1, bad.subarray(0, nd), this.data.modes)} stopped being finite ${at(time)}`,
       3: `an event indicator is not a number ${at(time)}`,
       4: `events follow each other without end ${at(bad[0])}`,
+      7: `a block ended the run ${at(bad[0])}`,
     }[code] ?? `an algebraic loop has no solution ${at(bad[0])}`;
   }
 }

@@ -7,8 +7,14 @@ from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
-from trussflow.blocks.errors import DivergenceError, SimulationError
-from trussflow.blocks.framework.declarations import EITHER, FALLING, RISING, TIMED
+from trussflow.blocks.errors import DivergenceError, RunStoppedError, SimulationError
+from trussflow.blocks.framework.declarations import (
+    EITHER,
+    FALLING,
+    RISING,
+    TERMINAL,
+    TIMED,
+)
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.tracing.plan import Plan
 
@@ -56,7 +62,8 @@ class EventWatch:
         self._timed = kinds == TIMED
         self._directed = np.abs(kinds) == RISING
         self._may_fall = kinds <= EITHER
-        self._may_rise = (kinds == EITHER) | (kinds == RISING)
+        self._terminal = kinds == TERMINAL
+        self._may_rise = (kinds == EITHER) | (kinds == RISING) | self._terminal
         self._first = np.where(kinds == FALLING, 0.5, -0.5)
         self._sides = d[plan.sides.span]
         self._fired = d[plan.fired.span]
@@ -164,6 +171,8 @@ class EventWatch:
             self._adopt()
             if not happens and not self._asked:
                 return x
+            if self._fired[self._terminal].any():
+                ended(self._plan, t, d)
             last = self._last
             close = t - last <= SIMULTANEITY_TOLERANCE * (abs(t) + (step or 0.0))
             self._last = t
@@ -294,6 +303,17 @@ def not_a_number(
     raise SimulationError(
         f"indicator {plan.sides.describe(place)} is not a number at t = {t:g} s; look for a "
         "division by zero in indicators() of that block or in what it reads"
+    )
+
+
+def ended(plan: Plan, t: float, d: Vector) -> NoReturn:
+    """End a run at the time `t` [s] of the first terminal event of a `plan` that is marked in `d`."""
+    happens = (plan.kinds == TERMINAL) & (d[plan.fired.span] > 0.0)
+    place = int(np.argmax(happens))
+    path = next(e.path for e in plan.sides if place < e.stop - plan.sides.span.start)
+    message = getattr(plan.system.blocks[path], "message", "")
+    raise RunStoppedError(
+        f"'{path}' ended the run at t = {t:.12g} s {message}".rstrip()
     )
 
 

@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from trussflow.blocks.errors import DivergenceError, SimulationError
+from trussflow.blocks.errors import DivergenceError, RunEndedError, SimulationError
 from trussflow.blocks.simulation.adaptive import (
     AdaptiveError,
     VariableSpan,
@@ -27,6 +27,7 @@ from trussflow.blocks.simulation.adaptive import (
 from trussflow.blocks.simulation.block_instances import OpenBlocks
 from trussflow.blocks.simulation.events import (
     EventWatch,
+    ended,
     endless,
     not_a_number,
     refuse_not_finite,
@@ -474,7 +475,7 @@ class CompiledExecutor(Executor):
         )
         if not self._fault.value:
             return Progress(steps)
-        # The faults are numbered by the first enum of events.h; 4 are endless events.
+        # The faults are numbered by the first enum of events.h.
         if self._fault.value <= 2:
             which = "x" if self._fault.value == 1 else "d"
             return Progress(
@@ -486,8 +487,10 @@ class CompiledExecutor(Executor):
                 not_a_number(self.plan, self._bad[: self.plan.kinds.size], t, x, d, p)
             if self._fault.value == 5:
                 self.plan.loops.blame(float(self._bad[0]), x, d, p)
+            if self._fault.value == 7:
+                ended(self.plan, float(self._bad[0]), d)
             endless(float(self._bad[0]))
-        except (SimulationError, DivergenceError) as error:
+        except (SimulationError, DivergenceError, RunEndedError) as error:
             return Progress(steps, "x", error=error)
 
     def vary(self, span: VariableSpan) -> None:
@@ -530,6 +533,8 @@ class CompiledExecutor(Executor):
                 failed = self._bad[: x.size].copy()
                 known = np.isfinite(control.failed)
                 raise AdaptiveError(control.failed, failed if known else None)
+            case 7:
+                ended(self.plan, t, d)
 
 
 class _Address:

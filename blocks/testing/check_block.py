@@ -18,7 +18,13 @@ from trussflow.blocks.errors import (
     TrussflowError,
 )
 from trussflow.blocks.framework.block import Block, check_kind
-from trussflow.blocks.framework.declarations import Mode, Parameter, Signals, State
+from trussflow.blocks.framework.declarations import (
+    Event,
+    Mode,
+    Parameter,
+    Signals,
+    State,
+)
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.port import Input, Output
@@ -120,9 +126,8 @@ class Bench:
                 raise FaultError(
                     f"state '{name}' does not begin with a finite number; see initial= of it"
                 )
-        if "on_event" in self.kinds and not (
-            block.hides or block.states_own("on_event")
-        ):
+        handled = [e for e in block.declared(Event).values() if e.kind != "terminal"]
+        if handled and not (block.hides or block.states_own("on_event")):
             return (
                 "no on_event(): the solver stops at the events, but they change nothing"
             )

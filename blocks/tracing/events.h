@@ -8,11 +8,11 @@
    all the same, a quarter where it turned back at its event, and may be beyond zero by round-off; 0 where
    nothing is known. */
 
-enum { TF_FINE, TF_BAD_STATE, TF_BAD_D, TF_BAD_INDICATOR, TF_ENDLESS, TF_BAD_LOOP, TF_STUCK };
+enum { TF_FINE, TF_BAD_STATE, TF_BAD_D, TF_BAD_INDICATOR, TF_ENDLESS, TF_BAD_LOOP, TF_STUCK, TF_ENDED };
 
 typedef struct {
   tf_program derivative, indicators, on_event, guesses;
-  const signed char* kinds; /* 1: rising, -1: falling, 0: both, 2: the indicator is a time */
+  const signed char* kinds; /* 1: rising, -1: falling, 0: both, 2: the indicator is a time, 3: rising, and ends the run */
   int sides;
 } tf_model;
 
@@ -110,6 +110,8 @@ static int tf_settle(const tf_model* m, tf_stepper* s, double t, double h, int l
       else if (!fired[i] && side[i] == 0.0)
         side[i] = m->kinds[i] < 0 ? 0.5 : -0.5; /* at the start, to where an event leaves it */
     if (!any) return TF_FINE;
+    for (int i = 0; i < TF_EVENTS; ++i)
+      if (fired[i] && m->kinds[i] == 3) return TF_ENDED;
     s->count = t - s->last <= 1000 * TF_PLACE * (tf_size_of(t) + h) ? s->count + 1 : 1;
     for (int i = 0; i < TF_EVENTS; ++i) /* an arc that is too short to be located ends where it began */
       if (fired[i] && tf_size_of(side[i]) == 0.25 && t - s->last <= 8 * TF_PLACE * tf_size_of(t))

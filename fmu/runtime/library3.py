@@ -67,7 +67,8 @@ class Library3(Library):
         event, end, early, reached = (result.value for result in self._results)
         if status <= STATUS_WARNING:
             # Of a whole step, the time that the FMU reports may have a round-off error.
-            return Step(reached if early else t + h, False, early, event, end)
+            inside = early or (end and t <= reached <= t + h)
+            return Step(reached if inside else t + h, False, early, event, end)
         if status != STATUS_DISCARD:
             self.fail("DoStep", status)
         inside = early and t <= reached <= t + h

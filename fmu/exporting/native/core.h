@@ -50,6 +50,7 @@ typedef struct {
   int has_stop;
   int partial; /* the time is past the last grid point */
   int sampled; /* the ticks of the last grid point are final */
+  int ended; /* a terminal event happened: the importer must end the run */
   long long tick; /* last grid point reached */
   double time, start, stop, last_good;
   double x[TF_X + 1], d[TF_D + 1], p[TF_P + 1];

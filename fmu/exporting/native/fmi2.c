@@ -84,6 +84,7 @@ static tf_status tf_new_discrete_states(tf_instance* c, fmi2EventInfo* info) {
   memset(info, 0, sizeof *info);
   if (tf_handle(c, &jumped) != TF_OK) return TF_ERROR;
   info->valuesOfContinuousStatesChanged = jumped;
+  info->terminateSimulation = c->s.ended;
   tf_plan_event(c);
   info->nextEventTimeDefined = isfinite(c->next_event);
   info->nextEventTime = isfinite(c->next_event) ? c->next_event : 0;
@@ -97,6 +98,7 @@ FUNCTION(NewDiscreteStates, (fmi2Component instance, fmi2EventInfo* info), TF_EV
 
 static tf_status tf_do_step(tf_instance* c, double time, double step) {
   tf_status status = tf_step(c, time, step, 0);
+  if (c->s.ended && status == TF_OK) status = TF_DISCARD;
   /* FMI 2: after a discarded step only status queries, a saved state, a reset or the end are allowed. */
   if (status == TF_DISCARD) c->s.phase = TF_FAILED;
   return status;
@@ -123,7 +125,7 @@ FUNCTION(GetRealStatus, STATUS(Real), TF_STEPPING | TF_FAILED | TF_TERMINATED,
              : tf_refuse(c, TF_DISCARD, "the last successful time is the only real status"))
 FUNCTION(GetBooleanStatus, STATUS(Boolean), TF_ANY,
          kind == fmi2Terminated
-             ? (*value = fmi2False, TF_OK)
+             ? (*value = c->s.ended, TF_OK)
              : tf_refuse(c, TF_DISCARD, "whether the FMU terminated is the only Boolean status"))
 REFUSED(GetStatus, STATUS(Status), TF_DISCARD, "steps are never pending")
 REFUSED(GetIntegerStatus, STATUS(Integer), TF_DISCARD, "there is no integer status")

@@ -119,12 +119,13 @@ DERIVATIVE(GetAdjointDerivative, 1)
 /* Nothing to do: outputs are computed when they are read. */
 FUNCTION(EvaluateDiscreteStates, (fmi3Instance instance), TF_INITIALIZATION | TF_EVENT, TF_OK)
 
-static tf_status tf_update(tf_instance* c, fmi3Boolean* states_changed, fmi3Boolean* has_next,
-                           fmi3Float64* next) {
+static tf_status tf_update(tf_instance* c, fmi3Boolean* terminate, fmi3Boolean* states_changed,
+                           fmi3Boolean* has_next, fmi3Float64* next) {
   int jumped;
   if (tf_handle(c, &jumped) != TF_OK) return TF_ERROR;
   /* tf_handle iterates to convergence, so no further update is requested. */
   *states_changed = jumped;
+  *terminate = c->s.ended;
   tf_plan_event(c);
   *has_next = isfinite(c->next_event);
   *next = *has_next ? c->next_event : 0;
@@ -136,8 +137,8 @@ FUNCTION(UpdateDiscreteStates,
           fmi3Boolean* nominals_changed, fmi3Boolean* states_changed, fmi3Boolean* has_next,
           fmi3Float64* next),
          TF_EVENT,
-         (*again = *terminate = *nominals_changed = fmi3False,
-          tf_update(c, states_changed, has_next, next)))
+         (*again = *nominals_changed = fmi3False,
+          tf_update(c, terminate, states_changed, has_next, next)))
 FUNCTION(GetNumberOfEventIndicators, (fmi3Instance instance, size_t* n), TF_ANY,
          (*n = TF_INDICATORS, TF_OK))
 FUNCTION(GetNumberOfContinuousStates, (fmi3Instance instance, size_t* n), TF_ANY,
@@ -145,12 +146,14 @@ FUNCTION(GetNumberOfContinuousStates, (fmi3Instance instance, size_t* n), TF_ANY
 
 /* -- co-simulation -------------------------------------------------------------------------- */
 
-static tf_status tf_do_step(tf_instance* c, double time, double step, fmi3Boolean* early,
-                            fmi3Float64* last_good) {
+static tf_status tf_do_step(tf_instance* c, double time, double step, fmi3Boolean* terminate,
+                            fmi3Boolean* early, fmi3Float64* last_good) {
   /* A discarded call must not change the instance: FMI 3.0, section 2.2.3. */
   tf_status status = tf_step(c, time, step, 1);
+  *terminate = c->s.ended;
   *last_good = c->s.last_good;
-  *early = status == TF_OK && c->s.last_good < time + step - tf_same(time + step);
+  /* Without consent to early returns, only *terminate tells that the step is incomplete. */
+  *early = status == TF_OK && c->may_return_early && c->s.last_good < time + step - tf_same(time + step);
   return status;
 }
 
@@ -158,4 +161,4 @@ FUNCTION(DoStep,
          (fmi3Instance instance, fmi3Float64 time, fmi3Float64 step, fmi3Boolean no_restore,
           fmi3Boolean* event, fmi3Boolean* terminate, fmi3Boolean* early, fmi3Float64* last_good),
          TF_STEPPING,
-         (*event = *terminate = fmi3False, tf_do_step(c, time, step, early, last_good)))
+         (*event = fmi3False, tf_do_step(c, time, step, terminate, early, last_good)))

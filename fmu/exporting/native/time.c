@@ -94,8 +94,12 @@ static void tf_state_indicators(tf_instance* c, double* indicators) {
 #endif
 }
 
-/* Log why a step or an event failed. */
+/* Log why a step or an event failed; a terminal event is no failure. */
 static tf_status tf_event_fault(tf_instance* c, int fault, double t) {
+  if (fault == TF_ENDED) {
+    c->s.ended = 1;
+    return TF_OK;
+  }
   static const char* const why[] = {
       "", "a state stopped being finite", "a sampled value or a mode stopped being finite",
       "an event indicator is not a number",

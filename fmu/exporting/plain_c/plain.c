@@ -56,7 +56,8 @@ int TF_NAME(step)(TF_MODEL* m) {
   if (!tf_sound(d)) return 1;
   memcpy(x, m->x, TF_X * sizeof(double));
   m->known = 0; /* the step changes d even if it fails */
-  if (tf_between(&model, &stepper, TF_RK4, &t, end, h, 1, 0, x, d, m->p) != TF_FINE) return 1;
+  int fault = tf_between(&model, &stepper, TF_RK4, &t, end, h, 1, 0, x, d, m->p);
+  if (fault != TF_FINE) return fault == TF_ENDED ? 2 : 1;
   memcpy(m->x, x, TF_X * sizeof(double));
   memcpy(m->d, d, TF_D * sizeof(double));
   m->begun = 1;

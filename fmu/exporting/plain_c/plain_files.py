@@ -39,8 +39,9 @@ typedef struct {{
 void {name}_init({name}* m);
 
 /* Take one step of {step!r} s with the present inputs. Blocks sampled now use these inputs, and
-   outputs show the result before the step. Returns 0, or 1 if a state or a sampled value would not
-   be finite, or events would not end; the instance is then unchanged. */
+   outputs show the result before the step. Returns 0; 1 if a state or a sampled value would not be
+   finite, or events would not end; or 2 if a terminal event ends the run. After 1 and 2, the instance
+   is unchanged. */
 int {name}_step({name}* m);
 
 /* Return the time [s]. */
