@@ -92,7 +92,7 @@ def enabled(group: Diagram, *, states: str = "held", outputs: str = "held") -> D
                 "use states='held'"
             )
     for block in members:
-        if block.declared(State) or block.declared(Event):
+        if [*block.declared(State), *block.declared(Event)]:
             make = EnabledStates if block.sample_time is None else EnabledUpdates
             make(block, resets=resets).install()
     for exposed, (inner, *_) in [*group.exposed.items()]:

@@ -23,11 +23,11 @@ from trussflow.blocks import (
 from trussflow.blocks.errors import RunEndedError
 from trussflow.fmu import Fmu, export
 
-END = 0.137
+END_TIME = 0.137
 """Time at which the integral of one passes its limit [s]; no step ends there."""
 
 
-def ramp(end=END):
+def ramp(end=END_TIME):
     """Return a diagram with y = t, whose run ends at the time `end` [s]."""
     d = Diagram("ramp")
     one, clock, stop = d.add(one=Constant(1.0), clock=Integrator(), stop=StopWhen("ok"))
@@ -47,7 +47,7 @@ def test_runs_end(backend, settings):
     words = result.attrs["ended"].split()
     assert words[:-3] == ["'stop'", "ended", "the", "run", "at", "t", "="]
     assert words[-2:] == ["s", "ok"]
-    assert float(words[-3]) == pytest.approx(END, rel=0, abs=1e-12)
+    assert float(words[-3]) == pytest.approx(END_TIME, rel=0, abs=1e-12)
     assert_allclose(result["time"][-1], 0.13, rtol=0, atol=1e-12)
     assert_allclose(result["clock.y"], result["time"], rtol=0, atol=1e-12)
 
@@ -77,7 +77,7 @@ def test_a_session_ends_at_the_same_time_again():
         for _ in range(2):
             session.restore(saved)
             session.advance(0.135)
-            with pytest.raises(RunEndedError, match=rf"t = {END} s ok"):
+            with pytest.raises(RunEndedError, match=rf"t = {END_TIME} s ok"):
                 session.advance(1.0)
 
 
@@ -89,7 +89,9 @@ def test_native_fmus_ask_to_end_the_run(version, kind, runs, exported):
     importer = Diagram("importer")
     settings = {"step": 0.05} if kind == "cs" else {}
     importer.add(fmu=Fmu(path, kind=kind, **settings))
-    with pytest.raises(RunEndedError, match=rf"asks to end the run at t = {END}") as it:
+    with pytest.raises(
+        RunEndedError, match=rf"asks to end the run at t = {END_TIME}"
+    ) as it:
         runs(importer, 1.0, step=0.05)
     result = it.value.result
     assert result.attrs["status"] == "ended"
@@ -104,7 +106,7 @@ def test_a_foreign_importer_ends_the_run(version, kind, exported):
     rows = simulate_fmu(
         str(path), stop_time=1.0, fmi_type=kind, output_interval=0.05, validate=False
     )
-    assert rows["time"][-1] == pytest.approx(END, rel=0, abs=0.013 + 1e-9)
+    assert rows["time"][-1] == pytest.approx(END_TIME, rel=0, abs=0.013 + 1e-9)
 
 
 def test_a_python_fmu_fails_in_the_step_with_the_event(tmp_path):
