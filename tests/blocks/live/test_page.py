@@ -23,6 +23,7 @@ from trussflow.blocks import (
     Output,
     Parameter,
     Step,
+    StopWhen,
     TransferFunction,
     simulate,
 )
@@ -219,6 +220,19 @@ def test_divergence_names_state_and_time(window, tmp_path):
     assert 1.9 < float(said[1]) < 2.2
     assert window.rows()[0][-1] < 2.2
     window.set("x.initial_value", 0.1)
+    assert not window.trouble()
+
+
+def test_a_run_ends_at_a_terminal_event(window, tmp_path):
+    """The integral of one ends the run at 1.237 s; a slower one does not reach the limit."""
+    diagram = Diagram("until")
+    one, x, stop = diagram.add(one=Constant(1.0), x=Integrator(), stop=StopWhen())
+    one >> x
+    x.y - 1.237 >> stop
+    window.open(diagram.live(tmp_path / "page.html", duration=5.0, step=0.01))
+    assert "a block ended the run at t = 1.237 s" in window.trouble()
+    assert window.rows()[0][-1] == pytest.approx(1.23)
+    window.set("one.value", 0.1)
     assert not window.trouble()
 
 
