@@ -136,6 +136,25 @@ class TrussDynamics:
         """Return the equations of the same system with a rigid truss."""
         return replace(self, modes=self.modes.truncated(0))
 
+    def with_drives(self, inertias: Vector) -> TrussDynamics:
+        """Return the equations of the same system with other drives of the joints.
+
+        Parameters
+        ----------
+        inertias : Vector, shape (joints,)
+            Inertia of each drive, reflected to its joint [kg·m²; kg where joints slide].
+
+        Raises
+        ------
+        ModelError
+            If an inertia is negative or not finite.
+        """
+        each, arms = iter(np.broadcast_to(inertias, self.joints)), []
+        for arm in self.arms:
+            joints = [joint._replace(inertia=float(next(each))) for joint in arm.joint_data]
+            arms.append(replace(arm, joint_data=tuple(joints)))
+        return replace(self, arms=tuple(arms))
+
     def evaluate(
         self, q: Array, v: Array | None = None, truss: ModalData | None = None
     ) -> DynamicsTerms:

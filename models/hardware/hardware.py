@@ -5,20 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.signal_operators import Wired
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.algebra import Function, Gain
-from trussflow.blocks.library.discrete import sampled_delay
+from trussflow.blocks.library.discrete import UnitDelay, sampled_delay
 from trussflow.blocks.support.types import Array, Vector
+from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.dynamics.task_space import normalized, task_velocity
 from trussflow.models.errors import ModelError
+from trussflow.models.hardware.joint_servo import ServoDesign
 from trussflow.models.hardware.measurement import Measurement, derived_seed
-from trussflow.models.hardware.motors import JointDrives, ReactionWheels
+from trussflow.models.hardware.motors import BrakeLatch, JointDrives, ReactionWheels
 from trussflow.models.hardware.thrusters import ThrusterSet
 from trussflow.models.layered_file import LayeredFile
 from trussflow.models.parameter_files import ParameterTable
@@ -36,7 +39,13 @@ SENSOR_UNITS = {
 }
 """Units of the sensors of position and attitude of the truss frame, of joints, and of their rates."""
 
+JOINT_CONTROLS = ("servo", "torque")
+"""Control of the joints: by the local servo of geared drives, or by torque commands to gearless ones."""
+
 GYROSCOPIC_CHOICES = ("off", "on", "cancelled")
+
+
+Plant = TypeVar("Plant", bound=SpaceTruss)
 
 
 def _made(make: Any, robot: int) -> Any:
@@ -68,6 +77,9 @@ class Hardware:
         Measurements of position [m], attitude [rad], velocity [m/s] and rate [rad/s] of the truss frame.
     encoder, tachometer : Measurement
         Measurements of joint angles [rad] and rates [rad/s].
+    servo : ServoDesign, optional
+        Local servo of the joints, with power-off brakes. The torque commands are then its feedforward. By
+        default the drives follow the torque commands.
     gyroscopic : str
         Gyroscopic torque ω × A h of the wheels on their base: ``"off"``; ``"on"``; or ``"cancelled"`` by
         feedforward of the wheel torques once a sample. Unless off, the actuators have the input `rates`.
@@ -86,13 +98,16 @@ class Hardware:
     gyro: Measurement
     encoder: Measurement
     tachometer: Measurement
+    servo: ServoDesign | None = None
     gyroscopic: str = "off"
 
     def __post_init__(self) -> None:
         check_choice("gyroscopic torque", self.gyroscopic, GYROSCOPIC_CHOICES)
 
     @classmethod
-    def flight(cls, *, torque: float | None = None) -> Self:
+    def flight(
+        cls, *, torque: float | None = None, control: str | None = None
+    ) -> Self:
         """Return the reference hardware of ``parameters/hardware.toml``.
 
         Commands are held for 20 ms and delayed by 20 ms. Each axis of a base has a thrust of 5 N in steps of
@@ -105,11 +120,16 @@ class Hardware:
             Maximum torque of wheels and joints instead of 0.3 N·m; the momentum of the wheels scales
             with it [N·m].
         """
-        return cls.of(ParameterTable.shipped("hardware.toml"), torque=torque)
+        file = ParameterTable.shipped("hardware.toml")
+        return cls.of(file, torque=torque, control=control)
 
     @classmethod
     def of(
-        cls, file: ParameterTable | LayeredFile, *, torque: float | None = None
+        cls,
+        file: ParameterTable | LayeredFile,
+        *,
+        torque: float | None = None,
+        control: str | None = None,
     ) -> Self:
         """Return the hardware of a file: throttled thrusters, wheels, joint drives, sensors.
 
@@ -134,6 +154,29 @@ class Hardware:
         )
         wheels = numbers("wheels", sample_time="s", torque="N*m", momentum="N*m*s")
         joints = numbers("joints", torque="N*m")
+        servo = None
+        control = control or file.table("joints").choice("control", JOINT_CONTROLS)
+        check_choice("control of the joints", control, JOINT_CONTROLS)
+        if control == "servo":
+            joints |= numbers(
+                "drives",
+                gear="1",
+                rotor_inertia="kg*m^2",
+                viscous="N*m*s/rad",
+                coulomb="N*m",
+                brake_stiffness="N*m/rad",
+                brake_damping="N*m*s/rad",
+            )
+            own = numbers("servo", sample_time="s", encoder_quantum="rad", noise="rad/s")
+            step = own["sample_time"]
+            servo = ServoDesign(
+                sample_time=step,
+                encoder=Measurement(sample_time=step, quantum=own["encoder_quantum"]),
+                tachometer=Measurement(sample_time=step, noise=own["noise"]),
+                **numbers(
+                    "servo", proportional_gain="N*m/rad", derivative_gain="N*m*s/rad"
+                ),
+            )
         if torque is not None:
             check_number("hardware", torque=torque)
             # The time until saturation at full torque does not change.
@@ -149,6 +192,7 @@ class Hardware:
             thrusters=partial(ThrusterSet.axial, **thrusters),
             wheels=partial(ReactionWheels, np.eye(3), **wheels),
             drives=partial(JointDrives, **joints),
+            servo=servo,
             **sensors,
         )
 
@@ -195,6 +239,28 @@ class Hardware:
             **sensors,
         )
 
+    def mounted(self, truss: Plant) -> Plant:
+        """Return a plant with the reflected inertia of the drives.
+
+        Parameters
+        ----------
+        truss : SpaceTruss
+            Plant.
+        """
+        dynamics = truss.dynamics
+        return truss.changed(dynamics=dynamics.with_drives(self.drive_inertias(dynamics)))
+
+    def drive_inertias(self, dynamics: TrussDynamics) -> Vector:
+        """Return the reflected inertia of the drive of each joint [kg·m²; kg of sliding joints].
+
+        Parameters
+        ----------
+        dynamics : TrussDynamics
+            Truss and robots.
+        """
+        joints = dynamics.joint_data
+        return self.drives(joints).reflected_inertia if joints else np.zeros(0)
+
     def limits(self, truss: SpaceTruss) -> Vector:
         """Return the limit of each actuator of a truss in either direction, alone [N, N·m].
 
@@ -226,7 +292,7 @@ class Hardware:
         torques = self.drives(joints).maximum if joints else np.zeros(0)
         return np.concatenate([bases.ravel(), torques])
 
-    def actuators(self, truss: SpaceTruss) -> Diagram:
+    def actuators(self, truss: SpaceTruss, *, seed: int = 0) -> Diagram:
         """Return all actuators of a truss, with the hold and delay of the computer.
 
         Parameters
@@ -265,7 +331,6 @@ class Hardware:
                 lambda u: u, {"u": Input(robots, default=1.0)}, {"y": Output(robots)}
             ),
         )
-        drives = diagram.add(drives=self.drives(joints)) if joints else None
         total, orders, used = diagram.add(
             total=_bus(truss.actuators, units),
             orders=_bus(truss.actuators, units),
@@ -323,14 +388,61 @@ class Hardware:
         if unloading:
             diagram.expose(unloading=tuple(unloading))
         diagram.expose(command=computer.u, base_effectiveness=health.u)
-        if drives is not None:
-            computer.y[6 * robots :] >> drives.command
-            computer.y[6 * robots :] >> orders.u[6 * robots :]
+        if joints:
+            drives = diagram.add(drives=self.drives(joints))
             drives.torque >> total.u[6 * robots :]
-            diagram.expose(joint_rates=drives.rate, brake=drives.brake)
-            diagram.expose(joint_effectiveness=drives.effectiveness)
+            commands = computer.y[6 * robots :]
+            if self.servo is None:
+                commands >> drives.command
+                commands >> orders.u[6 * robots :]
+                diagram.expose(joint_rates=drives.rate)
+                diagram.expose(joint_effectiveness=drives.effectiveness)
+            else:
+                rest = truss.start_position[truss.dynamics.attitude.end :]
+                self._add_servo(diagram, commands, rest, seed) >> orders.u[6 * robots :]
         diagram.expose(actuation=total.y, ordered=orders.y, propellant=used.y)
         return diagram
+
+    def _add_servo(
+        self, diagram: Diagram, commands: Wired, rest: Vector, seed: int
+    ) -> Wired:
+        """Add servo and brakes of the drives to the actuators; return the expected joint torques.
+
+        The torques of the next sample time are unknown to a controller. They are expected to be its
+        commands plus the mean difference from them in the sample time before.
+        """
+        drives, servo, step = diagram.blocks["drives"], self.servo, self.sample_time
+        assert servo is not None
+        joints = drives.joint_data
+        local, brakes, places, rates, past = diagram.add(
+            servo=servo.diagram(
+                joints,
+                drives.parameters["maximum"],
+                rest,
+                seed=derived_seed(seed, len(SENSOR_UNITS)),
+            ),
+            brakes=BrakeLatch(joints, servo.sample_time),
+            references=sampled_delay(step, self.delay, rest),
+            reference_rates=sampled_delay(step, self.delay, np.zeros_like(rest)),
+            past=UnitDelay(step, np.zeros_like(rest)),
+        )
+        places.y >> local.reference
+        rates.y >> local.reference_rate
+        commands >> local.feedforward
+        local.torque >> drives.command
+        brakes.engaged >> drives.engaged
+        brakes.held >> drives.held
+        diagram.expose(
+            joint_reference=places.u,
+            joint_reference_rate=rates.u,
+            joint_angles=(local.angle, brakes.angle, drives.angle),
+            joint_rates=(local.rate, drives.rate),
+            joint_effectiveness=(brakes.effectiveness, drives.effectiveness),
+            brake=brakes.command,
+        )
+        known = local.impulse / step + commands
+        known >> past.u
+        return known - past.y
 
     def sensors(self, truss: SpaceTruss, *, seed: int) -> Diagram:
         """Return all sensors of a truss.

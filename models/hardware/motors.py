@@ -1,4 +1,4 @@
-"""Motors: joint drives of the arms, and reaction wheels of a base."""
+"""Motors: joint drives of the arms with their brakes, and reaction wheels of a base."""
 
 from __future__ import annotations
 
@@ -19,14 +19,44 @@ from trussflow.models.robots.joint import Joint
 from trussflow.models.validation import unit_vectors
 
 
-class JointDrives(Block):
-    r"""Joint drives with limited torque and friction.
+class JointBlock(Block):
+    """Base of the blocks with one element per joint: their number and units."""
 
-    .. math:: \tau = \eta\,\mathrm{lim}(\tau_w, \pm\tau_{max}) - b\,\dot\theta
-              - c \tanh(\dot\theta / \dot\theta_c) + \tau_b
+    def set_joints(self, joints: Sequence[Joint]) -> None:
+        """Set the number and the units of the joints.
 
-    A drive with health η = 0 makes no torque; its joint is free,
-    not locked.
+        Parameters
+        ----------
+        joints : sequence of Joint
+            All joints.
+
+        Raises
+        ------
+        BlockError
+            If there is no joint.
+        """
+        if not (
+            isinstance(joints, list | tuple)
+            and joints
+            and all(isinstance(joint, Joint) for joint in joints)
+        ):
+            raise BlockError(
+                f"{type(self).__name__} needs a sequence of at least one Joint, not {shown(joints)}"
+            )
+        self.joint_data, self.joints = tuple(joints), len(joints)
+        self.joint_units = tuple(joint.unit for joint in joints)
+        self.rate_units = tuple(f"{joint.unit}/s" for joint in joints)
+        self.effort_units = tuple(joint.effort_unit for joint in joints)
+
+
+class JointDrives(JointBlock):
+    r"""Geared joint drives with limited torque, friction and a power-off brake.
+
+    .. math:: \tau = (1 - e)\,\eta\,\mathrm{lim}(\tau_w, \pm\tau_{max}) - b\,\dot\theta
+              - c \tanh(\dot\theta / \dot\theta_c) - e\,[k_b (\theta - \theta_b) + d_b \dot\theta]
+
+    A drive with health η = 0 makes no torque; its joint is free unless the brake is engaged, e = 1. The brake
+    is a spring and a damper about the joint coordinate :math:`\theta_b` at its engagement, see `BrakeLatch`.
 
     Parameters
     ----------
@@ -42,13 +72,25 @@ class JointDrives(Block):
     transition : array_like
         Rate at which Coulomb friction changes its sign [rad/s]. Below it c / transition acts like viscous
         friction. Choose it by the inertia of the joints and the step of the solver.
+    gear : array_like
+        Gear ratio, rotor by joint [1; 1/m of sliding joints].
+    rotor_inertia : array_like
+        Inertia of the rotor [kg·m²].
+    brake_stiffness, brake_damping : array_like
+        Stiffness k_b [N·m/rad] and damping d_b [N·m·s/rad] of the engaged brake.
+
+    Attributes
+    ----------
+    reflected_inertia : array, shape (joints,)
+        Square of the gear ratio times the rotor inertia [kg·m²; kg of sliding joints]. It belongs into the
+        equations of motion: `TrussDynamics.with_drives`.
 
     Raises
     ------
     BlockError
         If there is no joint, or the effort of a joint is 0.
     ParameterError
-        If maximum torque or transition is not positive, or friction is negative.
+        If maximum torque or transition is not positive, or friction, stiffness or damping is negative.
 
     References
     ----------
@@ -59,17 +101,23 @@ class JointDrives(Block):
     command = Input(
         "joints", unit=Attribute("effort_units"), meaning="commanded torques"
     )
+    angle = Input(
+        "joints", unit=Attribute("joint_units"), default=0.0, meaning="joint coordinates"
+    )
     rate = Input(
         "joints", unit=Attribute("rate_units"), default=0.0, meaning="joint rates"
     )
     effectiveness = Input(
         "joints", default=1.0, meaning="health of the motors: 0 is failed"
     )
-    brake = Input(
+    engaged = Input(
+        "joints", default=0.0, meaning="e, 1 for engaged brakes, otherwise 0"
+    )
+    held = Input(
         "joints",
-        unit=Attribute("effort_units"),
+        unit=Attribute("joint_units"),
         default=0.0,
-        meaning="torques of brakes, unlimited",
+        meaning="theta_b, joint coordinates that the brakes hold",
     )
     torque = Output("joints", unit=Attribute("effort_units"), meaning="joint torques")
     maximum = Parameter(shape="joints", unit="N*m", above=0.0, meaning="maximum torque")
@@ -85,6 +133,12 @@ class JointDrives(Block):
         above=0.0,
         meaning="rate of the friction's sign change",
     )
+    brake_stiffness = Parameter(
+        shape="joints", unit="N*m/rad", minimum=0.0, meaning="k_b"
+    )
+    brake_damping = Parameter(
+        shape="joints", unit="N*m*s/rad", minimum=0.0, meaning="d_b"
+    )
 
     def __init__(
         self,
@@ -94,30 +148,30 @@ class JointDrives(Block):
         viscous: npt.ArrayLike = 0.0,
         coulomb: npt.ArrayLike = 0.0,
         transition: npt.ArrayLike = 1e-3,
+        gear: npt.ArrayLike = 1.0,
+        rotor_inertia: npt.ArrayLike = 0.0,
+        brake_stiffness: npt.ArrayLike = 0.0,
+        brake_damping: npt.ArrayLike = 0.0,
     ) -> None:
-        if not (
-            isinstance(joints, list | tuple)
-            and joints
-            and all(isinstance(joint, Joint) for joint in joints)
-        ):
-            raise BlockError(
-                f"JointDrives needs a sequence of at least one Joint, not {shown(joints)}"
-            )
-        self.joints = len(joints)
+        self.set_joints(joints)
         limp = [joint.name for joint in joints if not joint.effort]
         if limp:
             raise BlockError(
                 f"JointDrives: joint {limp[0]!r} has an effort limit of 0; increase it, or make the "
                 "joint a fixed one"
             )
-        self.effort_units = tuple(joint.effort_unit for joint in joints)
-        self.rate_units = tuple(f"{joint.unit}/s" for joint in joints)
-        given = finite_array("JointDrives: torque", torque, (self.joints,))
+        sizes = (self.joints,)
+        given = finite_array("JointDrives: torque", torque, sizes)
+        ratio = finite_array("JointDrives: gear", gear, sizes)
+        rotor = finite_array("JointDrives: rotor_inertia", rotor_inertia, sizes)
+        self.reflected_inertia = ratio**2 * rotor
         super().__init__(
             maximum=np.minimum(given, [joint.effort for joint in joints]),
             viscous=viscous,
             coulomb=coulomb,
             transition=transition,
+            brake_stiffness=brake_stiffness,
+            brake_damping=brake_damping,
         )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -125,7 +179,56 @@ class JointDrives(Block):
         driven = u.effectiveness * limited(u.command, -p.maximum, p.maximum)
         # A smooth sign function, since the solver needs derivatives at standstill.
         friction = p.viscous * u.rate + p.coulomb * np.tanh(u.rate / p.transition)
-        return {"torque": driven - friction + u.brake}
+        brake = p.brake_stiffness * (u.angle - u.held) + p.brake_damping * u.rate
+        return {"torque": driven - friction + u.engaged * (-brake - driven)}
+
+
+class BrakeLatch(JointBlock):
+    """Power-off brakes: engagement, and the joint coordinates that the brakes hold; sampled.
+
+    A brake is engaged while its drive has no power (health 0) or its command is above 0.5. It holds the joint
+    where it is at the first such sample.
+
+    Parameters
+    ----------
+    joints : sequence of Joint
+        All joints, at least one.
+    sample_time : float
+        Sample time [s].
+
+    Raises
+    ------
+    BlockError
+        If there is no joint, or the sample time is not positive.
+    """
+
+    angle = Input("joints", unit=Attribute("joint_units"), meaning="joint coordinates")
+    effectiveness = Input("joints", default=1.0, meaning="health of the motors")
+    command = Input("joints", default=0.0, meaning="above 0.5 engages the brake")
+    engaged = Output("joints", meaning="1 for engaged brakes, otherwise 0")
+    held = Output(
+        "joints", unit=Attribute("joint_units"), meaning="coordinates at engagement"
+    )
+    before = State("joints", meaning="engagement at the previous sample")
+    place = State("joints", meaning="coordinates at engagement")
+
+    def __init__(self, joints: Sequence[Joint], sample_time: float) -> None:
+        self.set_joints(joints)
+        super().__init__()
+        self.sampled(sample_time)
+
+    def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return engagement and held coordinates."""
+        off = np.logical_or(u.effectiveness <= 0.0, u.command > 0.5)
+        return {
+            "engaged": np.where(off, 1.0, 0.0),
+            "held": np.where(x.before > 0.5, x.place, u.angle),
+        }
+
+    def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Store engagement and held coordinates."""
+        now = self.output(t, x, u, p)
+        return {"before": now["engaged"], "place": now["held"]}
 
 
 class ReactionWheels(Block):

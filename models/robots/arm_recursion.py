@@ -44,7 +44,7 @@ class ArmTerms(NamedTuple):
     Attributes
     ----------
     mass_matrix : array, shape (n, n)
-        :math:`M` [kg·m²; kg·m, kg of sliding joints].
+        :math:`M`, the drives included [kg·m²; kg·m, kg of sliding joints].
     root_coupling : array, shape (n, 6)
         :math:`F`: row j is the momentum of all bodies beyond joint j per joint rate [kg·m, kg·m²; kg,
         kg·m of sliding joints].
@@ -156,6 +156,9 @@ def arm_terms(
         # j.
         for k in range(j + 1):
             matrix[j][k] = matrix[k][j] = screws[k] @ coupling[j]  # Eq. 22
+        # A rotor turns n times as fast as its joint; effects smaller by 1 / n are neglected.
+        if arm.drive_inertias[j]:
+            matrix[j][j] = matrix[j][j] + arm.drive_inertias[j]
         # Body j is on the inner side of joint j, so it does not move with that joint.
         carried = combined(carried, inertias[j])
         force = force + forces[j]

@@ -1,4 +1,4 @@
-"""Joint of a robot: kind, name and limits."""
+"""Joint of a robot: kind, name, limits, and inertia of its drive."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from trussflow.models.errors import ModelError
 
 
 class Joint(NamedTuple):
-    """Kind, name and limits of a joint; the equations of motion use the kind only.
+    """Kind, name and limits of a joint; the equations of motion use the kind and the inertia only.
 
     Attributes
     ----------
@@ -23,6 +23,9 @@ class Joint(NamedTuple):
         Maximum torque or force of the drive [N·m or N].
     speed : float
         Maximum rate [rad/s or m/s].
+    inertia : float
+        Inertia of the drive, reflected to the joint [kg·m² or kg]: the square of the gear ratio times the
+        inertia of the rotor.
     """
 
     name: str
@@ -31,6 +34,7 @@ class Joint(NamedTuple):
     upper: float = inf
     effort: float = inf
     speed: float = inf
+    inertia: float = 0.0
 
     @property
     def unit(self) -> str:
@@ -53,8 +57,14 @@ class Joint(NamedTuple):
         Raises
         ------
         ModelError
-            If the lower limit exceeds the upper one, or another limit is negative.
+            If the lower limit exceeds the upper one, another limit is negative, or the inertia is
+            negative or not finite.
         """
+        if not 0.0 <= self.inertia < inf:
+            raise ModelError(
+                f"{owner}: the drive of joint {self.name!r} has the inertia {self.inertia:g}; it must be "
+                "finite and not negative"
+            )
         if not (self.lower <= self.upper and self.effort >= 0.0 and self.speed >= 0.0):
             raise ModelError(
                 f"{owner}: joint {self.name!r} has the limits {self.lower:g} to {self.upper:g} {self.unit}, "

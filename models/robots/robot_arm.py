@@ -77,7 +77,7 @@ class RobotArm:
     rest_angles : array, shape (n,)
         Joint coordinates of the initial posture [rad; m of sliding joints].
     joint_data : tuple of Joint
-        Kinds, names and limits of the joints; by default revolute without limits.
+        Kinds, names, limits and drive inertias of the joints; by default revolute without limits or drives.
     visuals : tuple of Visual
         Shapes of the bodies for pictures. Without them, a picture has lines between the joints and a box.
     bodies : tuple of SpatialInertia
@@ -178,6 +178,11 @@ class RobotArm:
         return tuple(joint.sliding for joint in self.joint_data)
 
     @property
+    def drive_inertias(self) -> tuple[float, ...]:
+        """Reflected inertia of the drive of each joint [kg·m²; kg of sliding joints]."""
+        return tuple(joint.inertia for joint in self.joint_data)
+
+    @property
     def mass(self) -> float:
         """Mass of the whole robot [kg]."""
         return float(np.sum(self.masses)) + self.base_mass
@@ -194,7 +199,7 @@ class RobotArm:
         -------
         bool
         """
-        names = {*_SHAPES, "base_mass", "sliding"} - {"rest_angles"}
+        names = {*_SHAPES, "base_mass", "sliding", "drive_inertias"} - {"rest_angles"}
         return all(np.array_equal(getattr(self, n), getattr(other, n)) for n in names)
 
     @classmethod

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from trussflow.blocks.control.allocation import WeightedAllocation
 from trussflow.blocks.control.disturbance_observer import DisturbanceObserver
 from trussflow.blocks.control.pd import PD
@@ -227,14 +229,31 @@ def with_hardware(
         Hardware between controller and truss.
     seed : int
         Seed of the sensor noise, zero or positive [1].
+
+    Raises
+    ------
+    ModelError
+        If the plant has not the reflected inertia of the drives.
     """
+    dynamics = truss.dynamics
+    inertias = [joint.inertia for joint in dynamics.joint_data]
+    if not np.array_equal(inertias, hardware.drive_inertias(dynamics)):
+        raise ModelError(
+            "the plant has not the reflected inertia of the drives; use hardware.mounted(truss) as the plant"
+        )
     actuators, sensors = diagram.add(
-        actuators=hardware.actuators(truss), sensors=hardware.sensors(truss, seed=seed)
+        actuators=hardware.actuators(truss, seed=seed),
+        sensors=hardware.sensors(truss, seed=seed),
     )
     truss.coordinates >> sensors.coordinates
     truss.speeds >> sensors.speeds
     if truss.joints:
         truss.rigid_speeds[6:] >> actuators.joint_rates
+    if "joint_reference" in actuators.ports:
+        joints, trajectory = truss.dynamics.attitude.end, diagram.blocks["trajectory"]
+        truss.task_position[joints:] >> actuators.joint_angles
+        trajectory.position[joints:] >> actuators.joint_reference
+        trajectory.velocity[6:] >> actuators.joint_reference_rate
     if "rates" in actuators.ports:
         truss.actuator_rates >> actuators.rates
     actuators.actuation >> truss.actuation
