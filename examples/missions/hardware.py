@@ -11,7 +11,8 @@ import numpy as np
 from trussflow.blocks import Constant, Diagram, Step, simulate
 from trussflow.models import Hardware, SpaceTruss
 
-plant, hardware = SpaceTruss.consistent(), Hardware.flight()
+hardware = Hardware.flight()
+plant = hardware.mounted(SpaceTruss.consistent())  # with the inertia of the drives
 flight = Diagram("a base fails")
 push = np.tile([0.0, 0.0, 1.03, 0.0, 0.0, 0.0], plant.robots)
 command, health, actuators, sensors, truss = flight.add(
@@ -24,6 +25,10 @@ command, health, actuators, sensors, truss = flight.add(
 command.y >> actuators.command
 health.y >> actuators.base_effectiveness
 actuators.actuation >> truss.actuation
+truss.task_position[6:] >> actuators.joint_angles
+truss.rigid_speeds[6:] >> actuators.joint_rates
+# The servo holds the joints at zero.
+flight.ground(actuators.joint_reference, actuators.joint_reference_rate)
 truss.coordinates >> sensors.coordinates
 truss.speeds >> sensors.speeds
 

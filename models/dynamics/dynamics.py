@@ -151,7 +151,9 @@ class TrussDynamics:
         """
         each, arms = iter(np.broadcast_to(inertias, self.joints)), []
         for arm in self.arms:
-            joints = [joint._replace(inertia=float(next(each))) for joint in arm.joint_data]
+            joints = [
+                joint._replace(inertia=float(next(each))) for joint in arm.joint_data
+            ]
             arms.append(replace(arm, joint_data=tuple(joints)))
         return replace(self, arms=tuple(arms))
 

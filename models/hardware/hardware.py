@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Self, TypeVar
@@ -26,7 +26,6 @@ from trussflow.models.hardware.thrusters import ThrusterSet
 from trussflow.models.layered_file import LayeredFile
 from trussflow.models.parameter_files import ParameterTable
 from trussflow.models.plant.space_truss import SpaceTruss
-from trussflow.models.robots.joint import Joint
 from trussflow.models.validation import check_choice, check_number
 
 SENSOR_UNITS = {
@@ -71,7 +70,7 @@ class Hardware:
     wheels : callable, or tuple of callable, optional
         Factory of the `ReactionWheels` of a base; one for all, or one each. Without wheels the thrusters make
         the torques of the base; with wheels they only compensate the unloading.
-    drives : callable
+    drives : functools.partial
         Factory of the `JointDrives` of the joints of all robots, its argument.
     metrology, star_tracker, velocimeter, gyro : Measurement
         Measurements of position [m], attitude [rad], velocity [m/s] and rate [rad/s] of the truss frame.
@@ -91,7 +90,7 @@ class Hardware:
     wheels: (
         Callable[[], ReactionWheels] | tuple[Callable[[], ReactionWheels], ...] | None
     )
-    drives: Callable[[Sequence[Joint]], JointDrives]
+    drives: partial[JointDrives]
     metrology: Measurement
     star_tracker: Measurement
     velocimeter: Measurement
@@ -105,20 +104,21 @@ class Hardware:
         check_choice("gyroscopic torque", self.gyroscopic, GYROSCOPIC_CHOICES)
 
     @classmethod
-    def flight(
-        cls, *, torque: float | None = None, control: str | None = None
-    ) -> Self:
+    def flight(cls, *, torque: float | None = None, control: str | None = None) -> Self:
         """Return the reference hardware of ``parameters/hardware.toml``.
 
         Commands are held for 20 ms and delayed by 20 ms. Each axis of a base has a thrust of 5 N in steps of
-        0.1 N, sigma-delta modulated, and a torque of 0.3 N·m. Joints have 0.3 N·m without friction. The noise
-        is 1e-4 m, rad, m/s and rad/s.
+        0.1 N, sigma-delta modulated, and a torque of 0.3 N·m. Joints have geared drives with a local servo and
+        power-off brakes. The noise is 1e-4 m, rad, m/s and rad/s.
 
         Parameters
         ----------
         torque : float, optional
-            Maximum torque of wheels and joints instead of 0.3 N·m; the momentum of the wheels scales
+            Maximum torque of wheels and gearless joints instead of 0.3 N·m; the momentum of the wheels scales
             with it [N·m].
+        control : str, optional
+            ``"servo"``, the default, or ``"torque"``: gearless joints without friction that follow their
+            torque commands.
         """
         file = ParameterTable.shipped("hardware.toml")
         return cls.of(file, torque=torque, control=control)
@@ -137,8 +137,8 @@ class Hardware:
         ----------
         file : ParameterTable or LayeredFile
             File with the tables of ``parameters/hardware.toml``.
-        torque : float, optional
-            Maximum torque of wheels and joints, see `flight` [N·m].
+        torque, control : float and str, optional
+            As for `flight` [N·m].
 
         Raises
         ------
@@ -154,29 +154,32 @@ class Hardware:
         )
         wheels = numbers("wheels", sample_time="s", torque="N*m", momentum="N*m*s")
         joints = numbers("joints", torque="N*m")
-        servo = None
+        geared = numbers(
+            "drives",
+            torque="N*m",
+            viscous="N*m*s/rad",
+            coulomb="N*m",
+            brake_stiffness="N*m/rad",
+            brake_damping="N*m*s/rad",
+        )
+        rotor = numbers("drives", gear="1", rotor_inertia="kg*m^2")
+        geared["reflected_inertia"] = rotor["gear"] ** 2 * rotor["rotor_inertia"]
+        loop = numbers(
+            "servo",
+            sample_time="s",
+            proportional_gain="N*m/rad",
+            derivative_gain="N*m*s/rad",
+        )
+        seen = numbers("servo", encoder_quantum="rad", tachometer_noise="rad/s")
+        step = loop["sample_time"]
+        servo = ServoDesign(
+            **loop,
+            encoder=Measurement(sample_time=step, quantum=seen["encoder_quantum"]),
+            tachometer=Measurement(sample_time=step, noise=seen["tachometer_noise"]),
+        )
         control = control or file.table("joints").choice("control", JOINT_CONTROLS)
         check_choice("control of the joints", control, JOINT_CONTROLS)
-        if control == "servo":
-            joints |= numbers(
-                "drives",
-                gear="1",
-                rotor_inertia="kg*m^2",
-                viscous="N*m*s/rad",
-                coulomb="N*m",
-                brake_stiffness="N*m/rad",
-                brake_damping="N*m*s/rad",
-            )
-            own = numbers("servo", sample_time="s", encoder_quantum="rad", noise="rad/s")
-            step = own["sample_time"]
-            servo = ServoDesign(
-                sample_time=step,
-                encoder=Measurement(sample_time=step, quantum=own["encoder_quantum"]),
-                tachometer=Measurement(sample_time=step, noise=own["noise"]),
-                **numbers(
-                    "servo", proportional_gain="N*m/rad", derivative_gain="N*m*s/rad"
-                ),
-            )
+        local = control == "servo"
         if torque is not None:
             check_number("hardware", torque=torque)
             # The time until saturation at full torque does not change.
@@ -191,8 +194,8 @@ class Hardware:
             **numbers("computer", sample_time="s", delay="s"),
             thrusters=partial(ThrusterSet.axial, **thrusters),
             wheels=partial(ReactionWheels, np.eye(3), **wheels),
-            drives=partial(JointDrives, **joints),
-            servo=servo,
+            drives=partial(JointDrives, **(geared if local else joints)),
+            servo=servo if local else None,
             **sensors,
         )
 
@@ -248,7 +251,9 @@ class Hardware:
             Plant.
         """
         dynamics = truss.dynamics
-        return truss.changed(dynamics=dynamics.with_drives(self.drive_inertias(dynamics)))
+        return truss.changed(
+            dynamics=dynamics.with_drives(self.drive_inertias(dynamics))
+        )
 
     def drive_inertias(self, dynamics: TrussDynamics) -> Vector:
         """Return the reflected inertia of the drive of each joint [kg·m²; kg of sliding joints].

@@ -57,7 +57,9 @@ class JointServo(JointBlock):
     rate = Input("joints", unit=RATE, meaning="d theta/dt, measured")
     proportional_gain = Input("joints", meaning="k_p [N·m/rad]")
     derivative_gain = Input("joints", meaning="k_d [N·m·s/rad]")
-    torque = Output("joints", unit=EFFORT, meaning="tau, commanded torque of the drives")
+    torque = Output(
+        "joints", unit=EFFORT, meaning="tau, commanded torque of the drives"
+    )
     impulse = Output("joints", meaning="time integral of tau [N·m·s]")
     late = State("joints", meaning="torque until the next sample")
     total = State("joints", meaning="time integral of the torque")

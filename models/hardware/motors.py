@@ -72,18 +72,15 @@ class JointDrives(JointBlock):
     transition : array_like
         Rate at which Coulomb friction changes its sign [rad/s]. Below it c / transition acts like viscous
         friction. Choose it by the inertia of the joints and the step of the solver.
-    gear : array_like
-        Gear ratio, rotor by joint [1; 1/m of sliding joints].
-    rotor_inertia : array_like
-        Inertia of the rotor [kg·m²].
+    reflected_inertia : array_like
+        Square of the gear ratio times the inertia of the rotor [kg·m²; kg of sliding joints].
     brake_stiffness, brake_damping : array_like
         Stiffness k_b [N·m/rad] and damping d_b [N·m·s/rad] of the engaged brake.
 
     Attributes
     ----------
     reflected_inertia : array, shape (joints,)
-        Square of the gear ratio times the rotor inertia [kg·m²; kg of sliding joints]. It belongs into the
-        equations of motion: `TrussDynamics.with_drives`.
+        Inertia of the drives. It belongs into the equations of motion: `TrussDynamics.with_drives`.
 
     Raises
     ------
@@ -102,7 +99,10 @@ class JointDrives(JointBlock):
         "joints", unit=Attribute("effort_units"), meaning="commanded torques"
     )
     angle = Input(
-        "joints", unit=Attribute("joint_units"), default=0.0, meaning="joint coordinates"
+        "joints",
+        unit=Attribute("joint_units"),
+        default=0.0,
+        meaning="joint coordinates",
     )
     rate = Input(
         "joints", unit=Attribute("rate_units"), default=0.0, meaning="joint rates"
@@ -148,8 +148,7 @@ class JointDrives(JointBlock):
         viscous: npt.ArrayLike = 0.0,
         coulomb: npt.ArrayLike = 0.0,
         transition: npt.ArrayLike = 1e-3,
-        gear: npt.ArrayLike = 1.0,
-        rotor_inertia: npt.ArrayLike = 0.0,
+        reflected_inertia: npt.ArrayLike = 0.0,
         brake_stiffness: npt.ArrayLike = 0.0,
         brake_damping: npt.ArrayLike = 0.0,
     ) -> None:
@@ -162,9 +161,9 @@ class JointDrives(JointBlock):
             )
         sizes = (self.joints,)
         given = finite_array("JointDrives: torque", torque, sizes)
-        ratio = finite_array("JointDrives: gear", gear, sizes)
-        rotor = finite_array("JointDrives: rotor_inertia", rotor_inertia, sizes)
-        self.reflected_inertia = ratio**2 * rotor
+        self.reflected_inertia = finite_array(
+            "JointDrives: reflected_inertia", reflected_inertia, sizes
+        )
         super().__init__(
             maximum=np.minimum(given, [joint.effort for joint in joints]),
             viscous=viscous,

@@ -47,6 +47,9 @@ MEAN_AXES = "mean axes"
 """Name of the mean-axes law; the other laws are those of the paper."""
 
 HARDWARE_KINDS = ("none", "flight")
+COMMON_SETTINGS = (("wheels", "gyroscopic"), ("joints", "control"))
+"""Tables and keys of the hardware with the same value for all robots."""
+
 COMMAND = "as called"
 """Place of settings that override the files."""
 
@@ -174,6 +177,8 @@ class MissionFile:
         believed, rods = plant_of(file)
         stated = _hardware(file, believed)  # read even if unused, to find errors in it
         hardware = stated if kind == "flight" else None
+        if hardware is not None:
+            believed = hardware.mounted(believed)
         used = _used_by(law, observer, kind)
         mission = Mission.of(file, used)
         requested, way = mission.duration, file.table("path")
@@ -368,20 +373,24 @@ def _used_by(
 
 def _hardware(file: LayeredFile, truss: SpaceTruss) -> Hardware:
     """Return the hardware of a file; tables of a robot override it for that robot."""
-    stated, each, torques = Hardware.of(file), [], []
+    stated, each = Hardware.of(file), []
+    drives: list[dict[str, Any]] = []
     for arm, robot in zip(
         truss.dynamics.arms, file.elements("robots", truss.robots), strict=True
     ):
-        own = file.within(robot.name, "thrusters", "wheels", "joints")
+        own = file.within(robot.name, "thrusters", "wheels", "joints", "drives")
         each.append(Hardware.of(own))
-        torques += [own.table("joints").scalar("torque", "N*m")] * arm.joints
-        if each[-1].gyroscopic != stated.gyroscopic:
-            raise own.table("wheels").error(
-                "gyroscopic", "must be equal for all robots; set it in [wheels]"
-            )
+        values = each[-1].drives.keywords.items()
+        drives.append({name: np.full(arm.joints, value) for name, value in values})
+        for table, key in COMMON_SETTINGS:
+            if own.table(table).text(key) != file.table(table).text(key):
+                raise own.table(table).error(
+                    key, f"must be equal for all robots; set it in [{table}]"
+                )
     if not any("." in table for table, _ in file.told):
         return stated
     parts: dict[str, Any] = {
         name: tuple(getattr(h, name) for h in each) for name in ("thrusters", "wheels")
     }
-    return replace(stated, drives=partial(JointDrives, torque=torques), **parts)
+    joined = {name: np.concatenate([d[name] for d in drives]) for name in drives[0]}
+    return replace(stated, drives=partial(JointDrives, **joined), **parts)

@@ -1,4 +1,4 @@
-"""Sudden actuator failures: the block that applies them, brakes, and metrics of a run with a failure."""
+"""Sudden actuator failures: the block that applies them, and metrics of a run with a failure."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from flight.metrics import torques, tracking
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Parameter, Signals
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.library.algebra import Function
+from trussflow.blocks.framework.port import Output
 from trussflow.blocks.support.types import Array
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.feasibility import ActuatorFailure
@@ -37,8 +36,11 @@ FAILURE_METRICS = (
 )
 """Metrics of a run with a failure."""
 
-BRAKE_FREQUENCY = 40.0
-"""Natural frequency of a braked arm [rad/s]: above that of the loop, below the limit of the solver."""
+NO_BRAKES: dict[str, float] = {
+    "actuators.drives.brake_stiffness": 0.0,
+    "actuators.drives.brake_damping": 0.0,
+}
+"""Parameters of a run without brakes: the joints of failed drives move freely."""
 
 
 def failure_parameters(
@@ -99,14 +101,8 @@ class SuddenFailure(Block):
         }
 
 
-def with_failures(
-    diagram: Diagram, dynamics: TrussDynamics, *, brakes: bool
-) -> Diagram:
-    r"""Add a `SuddenFailure` named failure to a mean-axes loop with hardware, and return the diagram.
-
-    Brakes are stiff critically damped springs, :math:`\tau_b = -G (\omega^2\theta + 2\omega\dot\theta)` with
-    the inertia G of the arms at rest. They return the joints to zero whose drives the controller has
-    isolated.
+def with_failures(diagram: Diagram, dynamics: TrussDynamics) -> Diagram:
+    """Add a `SuddenFailure` named failure to a mean-axes loop with hardware, and return the diagram.
 
     Parameters
     ----------
@@ -114,36 +110,11 @@ def with_failures(
         Loop by `mean_axes_transport`.
     dynamics : TrussDynamics
         Truss and robots.
-    brakes : bool
-        Whether joints have brakes; without brakes, joints with failed drives move freely.
     """
     failure = diagram.add(failure=SuddenFailure(dynamics))
     actuators = diagram.blocks["actuators"]
     for port in failure.outputs():
         port >> actuators.port(port.name)
-    if brakes:
-        truss, joints = diagram.blocks["truss"], dynamics.joints
-        own = slice(6, 6 + joints)
-        inertia = dynamics.evaluate(dynamics.rest).mass_matrix[own, own]
-
-        def braked(angles: Array, rates: Array, effectiveness: Array) -> Array:
-            on = 1.0 - effectiveness[-joints:]
-            stiffness, damping = BRAKE_FREQUENCY**2, 2.0 * BRAKE_FREQUENCY
-            return -on * (inertia @ (on * (stiffness * angles + damping * rates)))
-
-        inputs = {
-            "angles": Input(joints),
-            "rates": Input(joints),
-            "effectiveness": Input(dynamics.actuators),
-        }
-        block = diagram.add(
-            brakes=Function(braked, inputs, {"torques": Output(joints)})
-        )
-        truss.port("task_position")[6:] >> block.port("angles")
-        truss.port("rigid_speeds")[6:] >> block.port("rates")
-        health = diagram.blocks["controller"].port("effectiveness")
-        health >> block.port("effectiveness")
-        block.port("torques") >> actuators.port("brake")
     return diagram
 
 

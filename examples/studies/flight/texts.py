@@ -47,8 +47,8 @@ FAILURES = """\
 The nominal accurate plant with `Hardware.flight`, Case 1 unless stated otherwise, 80 s. Failures are sudden
 and permanent, and the controller must detect them. Along body z, the failure of base 4 is not feasible within
 the limits (see above), so robots 1 to 3 fail there; in Case 2, base 3 is not feasible either. *Turned* is the
-attitude by `best_attitude`, turned about body x, in which every single failure is feasible. Brakes hold the
-joints of a robot whose drives the controller has isolated; without brakes, its arm moves freely.
+attitude by `best_attitude`, turned about body x, in which every single failure is feasible. Power-off brakes
+hold the joints of failed drives where they are; without brakes, the arm moves freely.
 
 {table}"""
 

@@ -22,7 +22,7 @@ from trussflow.models.transport import Mission, mean_axes_transport, path_of
 
 TRUSS = SpaceTruss.consistent(modes=0)
 DYNAMICS = TRUSS.dynamics
-LIMITS = Hardware.flight().limits(TRUSS)
+LIMITS = Hardware.flight(control="torque").limits(TRUSS)
 ALONG_Z = path_of(Mission.of_case(1), TRUSS)
 BASES = single_failures(DYNAMICS)[:5]
 EXACT = 1e-6  # of a linear programme, relative
@@ -135,7 +135,7 @@ def test_everything_starts_where_the_truss_does():
     """Path, sensors (late ones too, but for noise of 1e-4) and estimator; and there it stays."""
     attitude = attitude_along([0.0, -0.927, 0.375], [0.0, 0.0, 6.0])
     truss = SpaceTruss.consistent().turned(attitude)
-    flight = Hardware.flight()
+    flight = Hardware.flight(control="torque")
     flight = replace(flight, star_tracker=replace(flight.star_tracker, delay=0.02))
     diagram = mean_axes_transport(Mission.of_case(1), truss, hardware=flight, seed=1)
     blocks = [diagram.blocks[name] for name in ("trajectory", "controller", "sensors")]

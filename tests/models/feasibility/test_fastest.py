@@ -17,7 +17,7 @@ from trussflow.models.transport import Mission, path_of
 TRUSS = SpaceTruss.consistent()
 TURNING = SpaceTruss.consistent(modes=0).with_quaternion()
 REST = TRUSS.dynamics.rest[:6]
-LIMITS = Hardware.flight().limits(TRUSS)
+LIMITS = Hardware.flight(control="torque").limits(TRUSS)
 STRONG = actuator_limits(TRUSS.dynamics, force=1e6, base_torque=1e6, joint_torque=1e6)
 CURVED = REST + np.array(
     [[0, 0, 0, 0, 0, 0], [2, 0, 3, 0, 0, 0.5], [4, 2, 3, 0.3, 0, 1.0]]

@@ -19,7 +19,7 @@ from trussflow.models.transport import Mission, path_of
 
 TRUSS = SpaceTruss.consistent(modes=0)
 DYNAMICS = TRUSS.dynamics
-LIMITS = Hardware.flight().limits(TRUSS)
+LIMITS = Hardware.flight(control="torque").limits(TRUSS)
 ALONG_Z = path_of(Mission.of_case(1), TRUSS)
 TURNING = path_of(Mission.of_case(2), TRUSS)
 HEALTHY, *_ = single_failures(DYNAMICS)

@@ -27,6 +27,11 @@ def wired(truss):
         nothing=Constant(np.zeros(truss.actuators)),
     )
     nothing.y >> actuators.command
+    if plant.joints:
+        plant.task_position[6:] >> actuators.joint_angles
+        plant.rigid_speeds[6:] >> actuators.joint_rates
+        plant.task_position[6:] >> actuators.joint_reference
+        diagram.ground(actuators.joint_reference_rate)
     actuators.actuation >> plant.actuation
     plant.coordinates >> sensors.coordinates
     plant.speeds >> sensors.speeds

@@ -45,7 +45,7 @@ def act(truss, hardware, duration, command, **inputs):
 def test_commands_come_late_in_steps_and_within_limits(truss):
     """Flight hardware: held for 20 ms, 20 ms late, 5 N in steps of 0.1 N, 0.3 N·m."""
     noise = Noise(np.full(truss.actuators, 3.0), 0.02, seed=1)
-    result = act(truss, Hardware.flight(), 4.0, noise)
+    result = act(truss, Hardware.flight(control="torque"), 4.0, noise)
     command, actuation = result["command"].values, result["actuation"].values
     bases = actuation[:, :24].reshape(-1, 4, 6)
     force, torque = bases[..., :3], bases[..., 3:]
@@ -59,7 +59,7 @@ def test_commands_come_late_in_steps_and_within_limits(truss):
 
 def test_impulse_follows_the_command(truss):
     noise = Noise(np.full(truss.actuators, 0.08), 0.02, seed=1, mean=0.01)
-    result = act(truss, Hardware.flight(), 10.0, noise)
+    result = act(truss, Hardware.flight(control="torque"), 10.0, noise)
     missing = np.cumsum(
         result["command"].values[:-1] - result["actuation"].values[1:], axis=0
     )
@@ -74,7 +74,7 @@ def test_a_base_and_joints_fail_at_the_time_set(truss):
     joints[7:14] = 0.0
     result = act(
         truss,
-        Hardware.flight(),
+        Hardware.flight(control="torque"),
         2.0,
         Constant(np.full(truss.actuators, 0.2)),
         base_effectiveness=Step(
@@ -93,7 +93,7 @@ def test_a_base_and_joints_fail_at_the_time_set(truss):
 
 def test_thrusters_make_up_for_unloading(truss):
     """Twelve thrusters on each base: the wheels give momentum away, and the base feels nothing of it."""
-    hardware = replace(Hardware.flight(), thrusters=PAIRS)
+    hardware = replace(Hardware.flight(control="torque"), thrusters=PAIRS)
     torque = np.zeros(truss.actuators)
     torque[3:6] = 0.1, -0.05, 0.02
     unload = Step(1.0, initial_value=0.0, final_value=0.5)
@@ -108,7 +108,7 @@ def test_without_wheels_thrusters_make_the_torques(truss):
     command = np.linspace(-0.3, 0.3, truss.actuators)
     result = act(
         truss,
-        replace(Hardware.flight(), wheels=None, thrusters=PAIRS),
+        replace(Hardware.flight(control="torque"), wheels=None, thrusters=PAIRS),
         0.1,
         Constant(command),
     )
@@ -132,7 +132,7 @@ def measured(truss, hardware, seed, duration):
 
 
 def test_sensors_show_the_truth_with_their_noise(truss):
-    result = measured(truss, Hardware.flight(), 1, 60.0)
+    result = measured(truss, Hardware.flight(control="torque"), 1, 60.0)
     for shown, true in (("task_position", "coordinates"), ("rigid_speeds", "speeds")):
         error = (result[shown].values - result[true].values[:, : truss.rigid])[
             :-1
@@ -151,7 +151,9 @@ def test_sensors_show_the_truth_with_their_noise(truss):
 
 def test_noise_is_that_of_the_seed(truss):
     first, again, other = (
-        measured(truss, Hardware.flight(), s, 0.2)["task_position"].values
+        measured(truss, Hardware.flight(control="torque"), s, 0.2)[
+            "task_position"
+        ].values
         for s in (1, 1, 2)
     )
     assert_array_equal(first, again)
@@ -161,7 +163,7 @@ def test_noise_is_that_of_the_seed(truss):
 def test_sensors_start_at_rest(truss):
     """Before its first late sample the output of a sensor is the posture at rest, not zero."""
     late = Measurement(sample_time=STEP, delay=0.04)
-    hardware = replace(Hardware.flight(), encoder=late, metrology=late)
+    hardware = replace(Hardware.flight(control="torque"), encoder=late, metrology=late)
     result = measured(truss, hardware, 1, 0.2)
     assert_array_equal(
         result["task_position"][1, 6:], truss.dynamics.rest[6 : truss.rigid]

@@ -127,12 +127,10 @@ def test_a_path_becomes_slower_after_a_loss(duration, arrival):
     mission = replace(
         Mission.of_case(1), position=6.0 * scale**2 * np.eye(3)[2], duration=duration
     )
-    plant = SpaceTruss.consistent()
-    shares = shares_left(
-        DYNAMICS, path_of(mission, plant), Hardware.flight().limits(plant)
-    )
+    plant, hardware = SpaceTruss.consistent(), Hardware.flight(control="torque")
+    shares = shares_left(DYNAMICS, path_of(mission, plant), hardware.limits(plant))
     assert_array_equal(shares[:3], 1.0)
-    diagram = mean_axes_transport(mission, plant, hardware=Hardware.flight(), seed=1)
+    diagram = mean_axes_transport(mission, plant, hardware=hardware, seed=1)
     trajectory, controller = (diagram.blocks[k] for k in ("trajectory", "controller"))
     smallest = Function(
         lambda health: np.min(np.where(health[:24:6] < 1.0, shares, 1.0)),

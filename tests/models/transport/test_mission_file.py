@@ -193,8 +193,8 @@ rotation = "[0, 0, 90] deg"
 bus_mass = "50 kg"
 [robots.thrusters]
 maximum = "9 N"
-[robots.joints]
-torque = "0.2 N*m"
+[robots.drives]
+torque = "2 N*m"
 [[robots]]
 """
 
@@ -223,7 +223,7 @@ def test_each_robot_has_a_table_of_its_own(boom):
         np.repeat([[[9.0], [0.3]], [[5.0], [0.3]]], 3, axis=2), rel=1e-12
     )
     assert joints == pytest.approx(
-        [0.2] * walker.joints + [0.3] * literal.joints, rel=1e-12
+        [2.0] * walker.joints + [3.0] * literal.joints, rel=1e-12
     )
     actuators = flown.diagram().blocks["actuators"].blocks
     assert [actuators[f"thrusters_{k}"].reach[0] for k in (1, 2)] == pytest.approx(
@@ -244,7 +244,7 @@ def test_a_structure_and_robots_of_files(boom):
     flown = MissionFile.read(boom)
     arm, literal = flown.truss.dynamics.arms
     assert arm.mass == pytest.approx(15.5, rel=1e-12)
-    assert literal.same_as(RobotArm.literal())
+    assert literal.drive_inertias == pytest.approx([0.1] * 7, rel=1e-12)
     modes = flown.truss.dynamics.modes
     assert (modes.damping_ratios == 0.005).all()
     lengths = np.linalg.norm(np.diff(modes.positions[flown.rods], axis=1), axis=2)

@@ -195,9 +195,9 @@ def test_drives_give_no_more_than_their_joint_bears(tmp_path):
     flown = boom(tmp_path)
     joints = flown.truss.dynamics.joint_data
     assert flown.hardware.limits(flown.truss)[12:] == pytest.approx(
-        [0.3] * len(joints), rel=1e-12
+        [3.0] * len(joints), rel=1e-12
     )
     weak = [joints[0]._replace(effort=0.1), *joints[1:]]
     assert flown.hardware.drives(weak).parameters["maximum"][:2] == pytest.approx(
-        [0.1, 0.3], rel=1e-12
+        [0.1, 3.0], rel=1e-12
     )
