@@ -9,7 +9,10 @@ from trussflow.models.geometry.attitude import (
     AttitudeCoordinates as AttitudeCoordinates,
 )
 from trussflow.models.hardware.hardware import Hardware as Hardware
+from trussflow.models.hardware.joint_servo import JointServo as JointServo
+from trussflow.models.hardware.joint_servo import ServoDesign as ServoDesign
 from trussflow.models.hardware.measurement import Measurement as Measurement
+from trussflow.models.hardware.motors import BrakeLatch as BrakeLatch
 from trussflow.models.hardware.motors import JointDrives as JointDrives
 from trussflow.models.hardware.motors import ReactionWheels as ReactionWheels
 from trussflow.models.hardware.thrusters import Pulses as Pulses

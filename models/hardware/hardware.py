@@ -14,7 +14,7 @@ from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.signal_operators import Wired
 from trussflow.blocks.framework.units import Unit
 from trussflow.blocks.library.algebra import Function, Gain
-from trussflow.blocks.library.discrete import UnitDelay, sampled_delay
+from trussflow.blocks.library.discrete import UnitDelay, ZeroOrderHold, sampled_delay
 from trussflow.blocks.support.types import Array, Vector
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.dynamics.task_space import normalized, task_velocity
@@ -419,7 +419,7 @@ class Hardware:
         drives, servo, step = diagram.blocks["drives"], self.servo, self.sample_time
         assert servo is not None
         joints = drives.joint_data
-        local, brakes, places, rates, past = diagram.add(
+        local, brakes, places, rates, past, impulse = diagram.add(
             servo=servo.diagram(
                 joints,
                 drives.parameters["maximum"],
@@ -430,6 +430,7 @@ class Hardware:
             references=sampled_delay(step, self.delay, rest),
             reference_rates=sampled_delay(step, self.delay, np.zeros_like(rest)),
             past=UnitDelay(step, np.zeros_like(rest)),
+            impulse=ZeroOrderHold(step),
         )
         places.y >> local.reference
         rates.y >> local.reference_rate
@@ -445,7 +446,8 @@ class Hardware:
             joint_effectiveness=(brakes.effectiveness, drives.effectiveness),
             brake=brakes.command,
         )
-        known = local.impulse / step + commands
+        local.impulse >> impulse
+        known = impulse / step + commands
         known >> past.u
         return known - past.y
 
