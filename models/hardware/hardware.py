@@ -137,8 +137,10 @@ class Hardware:
         ----------
         file : ParameterTable or LayeredFile
             File with the tables of ``parameters/hardware.toml``.
-        torque, control : float and str, optional
+        torque : float, optional
             As for `flight` [N·m].
+        control : str, optional
+            ``"servo"`` or ``"torque"``, see `flight`; by default that of the file.
 
         Raises
         ------
@@ -304,15 +306,19 @@ class Hardware:
         ----------
         truss : SpaceTruss
             Plant.
+        seed : int
+            Seed of the noise of the servo's sensors, zero or positive [1].
 
         Returns
         -------
         Diagram
-            Input `command`, as `SpaceTruss.actuation`. Optional inputs: `base_effectiveness` of each base and
-            `joint_effectiveness` of each joint, their health from 0 to 1; `joint_rates`, for friction;
-            `brake`, torques of locked joints; with wheels `unloading` [1/s]; unless `gyroscopic` is off,
-            `rates`, the `actuator_rates` of the truss. Outputs: `actuation` of the truss; `ordered`, thrusts
-            of healthy thrusters and commanded torques; `propellant` used by each base; with wheels their
+            Input `command`, as `SpaceTruss.actuation`. With a servo also `joint_reference`,
+            `joint_reference_rate`, `joint_angles` and `joint_rates`. Optional inputs: `base_effectiveness` of
+            each base and `joint_effectiveness` of each joint, their health from 0 to 1; `joint_rates`, for
+            friction; with a servo `brake`, above 0.5 for joints to be braked; with wheels `unloading` [1/s];
+            unless `gyroscopic` is off, `rates`, the `actuator_rates` of the truss. Outputs: `actuation` of the
+            truss; `ordered`, thrusts of healthy thrusters and commanded torques, with a servo the expected
+            joint torques; `propellant` used by each base; with wheels their
             `momentum`, in base axes.
 
         Raises
@@ -449,7 +455,8 @@ class Hardware:
         local.impulse >> impulse
         known = impulse / step + commands
         known >> past.u
-        return known - past.y
+        expected: Wired = known - past.y
+        return expected
 
     def sensors(self, truss: SpaceTruss, *, seed: int) -> Diagram:
         """Return all sensors of a truss.

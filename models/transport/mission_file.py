@@ -392,5 +392,7 @@ def _hardware(file: LayeredFile, truss: SpaceTruss) -> Hardware:
     parts: dict[str, Any] = {
         name: tuple(getattr(h, name) for h in each) for name in ("thrusters", "wheels")
     }
-    joined = {name: np.concatenate([d[name] for d in drives]) for name in drives[0]}
+    joined: dict[str, Any] = {
+        name: np.concatenate([each[name] for each in drives]) for name in drives[0]
+    }
     return replace(stated, drives=partial(JointDrives, **joined), **parts)

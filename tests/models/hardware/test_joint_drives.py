@@ -22,9 +22,9 @@ from trussflow.models import (
     SpaceTruss,
 )
 
-INERTIA = 0.5  # kg·m²
-STEP = 1e-3
-JOINT = (Joint("a"),)
+LINK_INERTIA = 0.5  # kg·m²
+SERVO_STEP = 1e-3
+ONE_JOINT = (Joint("a"),)
 
 
 def driven(drives, rate=0.0, load=0.0):
@@ -35,7 +35,7 @@ def driven(drives, rate=0.0, load=0.0):
         speed=Integrator([rate], unit="rad/s"),
         angle=Integrator([0.0], unit="rad"),
         push=Constant([load], unit="N*m"),
-        inverse=Gain([1.0 / INERTIA], input_unit="N*m", output_unit="rad/s**2"),
+        inverse=Gain([1.0 / LINK_INERTIA], input_unit="N*m", output_unit="rad/s**2"),
     )
     drives.torque + push.y >> inverse >> speed >> angle
     speed >> drives.rate
@@ -45,19 +45,19 @@ def driven(drives, rate=0.0, load=0.0):
 
 def coasting(duration, rate, **friction):
     """Return the energies at the start and end, the work of friction, rates, and the angle."""
-    diagram = driven(JointDrives(JOINT, torque=1.0, **friction), rate)
+    diagram = driven(JointDrives(ONE_JOINT, torque=1.0, **friction), rate)
     diagram.ground(diagram.drives.command)
     log = ["speed.y", "angle.y", "drives.torque"]
-    run = simulate(diagram, duration, step=STEP / 10, log=log)
+    run = simulate(diagram, duration, step=SERVO_STEP / 10, log=log)
     rates, torques = run["speed.y"].values[:, 0], run["drives.torque"].values[:, 0]
     work = np.trapezoid(torques * rates, run["time"])
-    energy = 0.5 * INERTIA * rates**2
+    energy = 0.5 * LINK_INERTIA * rates**2
     return energy, work, rates, run["angle.y"].values[-1, 0]
 
 
 def test_viscous_friction_slows_exponentially_and_takes_the_energy():
     energy, work, rates, _ = coasting(1.0, 0.4, viscous=1.5)
-    assert rates[-1] == pytest.approx(0.4 * np.exp(-1.5 / INERTIA), rel=1e-9)
+    assert rates[-1] == pytest.approx(0.4 * np.exp(-1.5 / LINK_INERTIA), rel=1e-9)
     assert work == pytest.approx(energy[-1] - energy[0], rel=1e-6)
 
 
@@ -72,9 +72,9 @@ def test_coulomb_friction_stops_after_the_way_of_its_work():
 def test_a_servo_on_one_inertia_responds_exactly():
     """Position and rate sampled at 1 kHz, the torque one sample late, against the exact recurrence."""
     stiffness, damping, aim = 30.0, 6.0, 0.1
-    diagram = driven(JointDrives(JOINT, torque=100.0))
+    diagram = driven(JointDrives(ONE_JOINT, torque=100.0))
     servo, aims, *gains = diagram.add(
-        servo=JointServo(JOINT, STEP, torque=100.0),
+        servo=JointServo(ONE_JOINT, SERVO_STEP, torque=100.0),
         aims=Constant([aim], unit="rad"),
         stiffness=Constant([stiffness]),
         damping=Constant([damping]),
@@ -85,21 +85,24 @@ def test_a_servo_on_one_inertia_responds_exactly():
     diagram.angle.y >> servo.angle
     diagram.speed.y >> servo.rate
     servo.torque >> diagram.drives.command
-    run = simulate(diagram, 0.3, step=STEP, log=["angle.y", "speed.y", "servo.impulse"])
+    run = simulate(
+        diagram, 0.3, step=SERVO_STEP, log=["angle.y", "speed.y", "servo.impulse"]
+    )
     flow = expm(
-        np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0 / INERTIA], [0.0, 0.0, 0.0]]) * STEP
+        np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0 / LINK_INERTIA], [0.0, 0.0, 0.0]])
+        * SERVO_STEP
     )
     z, expected, impulse = np.zeros(3), [], 0.0
     for _ in range(301):
         expected.append([z[0], z[1], impulse])
         late = stiffness * (aim - z[0]) - damping * z[1]
-        impulse += STEP * z[2]
+        impulse += SERVO_STEP * z[2]
         z = flow @ z
         z[2] = late
     found = np.concatenate([run[name].values for name in run.data_vars], axis=1)
     assert_allclose(found, expected, rtol=0, atol=1e-12)
     # The integral of the torque is the momentum of the inertia.
-    assert_allclose(found[:, 2], INERTIA * found[:, 1], rtol=0, atol=1e-12)
+    assert_allclose(found[:, 2], LINK_INERTIA * found[:, 1], rtol=0, atol=1e-12)
 
 
 def test_a_servo_adds_the_feedforward_and_keeps_its_limit():
@@ -112,18 +115,20 @@ def test_a_servo_adds_the_feedforward_and_keeps_its_limit():
         "derivative_gain": Constant([2.0, 2.0, 2.0]),
     }
     joints = [Joint(name) for name in "abc"]
-    servo = JointServo(joints, STEP, torque=0.3)
-    run = simulate_block(servo, 2 * STEP, ports, step=STEP)
+    servo = JointServo(joints, SERVO_STEP, torque=0.3)
+    run = simulate_block(servo, 2 * SERVO_STEP, ports, step=SERVO_STEP)
     assert_array_equal(run["block.torque"][0], 0.0)
     assert_allclose(run["block.torque"][1], [0.2, 0.2, 0.3], rtol=1e-12)
 
 
 def braked(load, command=0.0, failure=0.5):
     """Return the run of an inertia whose drive fails under a load while it moves."""
-    drives = JointDrives(JOINT, torque=1.0, brake_stiffness=1e4, brake_damping=200.0)
+    drives = JointDrives(
+        ONE_JOINT, torque=1.0, brake_stiffness=1e4, brake_damping=200.0
+    )
     diagram = driven(drives, 0.05, load)
     latch, health, release = diagram.add(
-        latch=BrakeLatch(JOINT, STEP),
+        latch=BrakeLatch(ONE_JOINT, SERVO_STEP),
         health=Step(failure, initial_value=[1.0], final_value=[0.0]),
         release=Constant([command]),
     )
@@ -134,7 +139,7 @@ def braked(load, command=0.0, failure=0.5):
     latch.engaged >> diagram.drives.engaged
     latch.held >> diagram.drives.held
     diagram.ground(diagram.drives.command)
-    return simulate(diagram, 1.5, step=STEP, log=["angle.y", "latch.engaged"])
+    return simulate(diagram, 1.5, step=SERVO_STEP, log=["angle.y", "latch.engaged"])
 
 
 def test_a_brake_holds_the_joint_where_it_is():
@@ -143,7 +148,9 @@ def test_a_brake_holds_the_joint_where_it_is():
     angle = run["angle.y"].values[:, 0]
     engaged = run["latch.engaged"].values[:, 0]
     assert_array_equal(engaged, run["time"].values >= 0.5 - 1e-9)
-    assert angle[500] == pytest.approx(0.05 * 0.5 + 0.1 / INERTIA * 0.125, rel=1e-9)
+    assert angle[500] == pytest.approx(
+        0.05 * 0.5 + 0.1 / LINK_INERTIA * 0.125, rel=1e-9
+    )
     assert angle[-1] == pytest.approx(angle[500] + 0.1 / 1e4, rel=1e-9)
     assert np.abs(angle[520:] - angle[500]).max() < 2e-3
 
@@ -195,10 +202,10 @@ def test_hardware_mounts_the_inertia_of_its_drives():
 
 def test_the_expected_torque_includes_the_servo():
     """A joint off its reference: after a sample the outer loop is told the torque of the servo."""
-    exact = Measurement(sample_time=STEP)
+    exact = Measurement(sample_time=SERVO_STEP)
     hardware = Hardware.flight()
     servo = ServoDesign(
-        sample_time=STEP,
+        sample_time=SERVO_STEP,
         proportional_gain=5.0,
         derivative_gain=0.0,
         encoder=exact,
@@ -220,7 +227,7 @@ def test_the_expected_torque_includes_the_servo():
         "joint_rates": Constant(np.zeros(28)),
     }
     log = {name: actuators.port(name) for name in ("actuation", "ordered")}
-    run = simulate_block(actuators, 0.1, sources, step=STEP, log=log)
+    run = simulate_block(actuators, 0.1, sources, step=SERVO_STEP, log=log)
     assert_allclose(run["actuation"][2:, 24:], 0.05 + 5.0 * 0.02, rtol=1e-12)
     # The first torque is one sample late, so that the first mean is smaller by a twentieth.
     assert_allclose(run["ordered"][0, 24:], 0.05, rtol=1e-12)
@@ -231,4 +238,4 @@ def test_the_expected_torque_includes_the_servo():
 @pytest.mark.parametrize("make", [partial(JointServo, torque=1.0), BrakeLatch])
 def test_blocks_need_joints(make):
     with pytest.raises(TrussflowError, match="needs a sequence of at least one Joint"):
-        make([], STEP)
+        make([], SERVO_STEP)
