@@ -162,7 +162,7 @@ def test_a_brake_engages_on_command():
 
 
 def test_a_rotor_behind_a_gear_is_its_reflected_inertia(random_system):
-    """Against rotors as bodies of their own, each with the constraint φ = n θ: equal accelerations."""
+    """Rotors as separate bodies, each with the constraint φ = n θ, have the same accelerations."""
     dynamics = random_system((2, 3), 4, elastic_integrals=True)
     rng = np.random.default_rng(3)
     joints, n = dynamics.joints, dynamics.freedoms
@@ -201,7 +201,7 @@ def test_hardware_mounts_the_inertia_of_its_drives():
 
 
 def test_the_expected_torque_includes_the_servo():
-    """A joint off its reference: after a sample the outer loop is told the torque of the servo."""
+    """A joint off its reference: after one sample the expected torque is that of the servo."""
     exact = Measurement(sample_time=SERVO_STEP)
     hardware = Hardware.flight()
     servo = ServoDesign(
