@@ -43,7 +43,7 @@ def mean_axes_transport(
         the dynamics of the plant.
     hardware : Hardware, optional
         Hardware between controller and truss. By default there are only the delay of one sample time and the
-        limits of `Hardware.flight`. The delay of the hardware includes this sample time.
+        limits of `Hardware.flight` with gearless joints. The delay of the hardware includes this sample time.
     seed : int
         Seed of the sensor noise, zero or positive [1].
     path : Trajectory, optional
@@ -80,7 +80,7 @@ def mean_axes_transport(
         trajectory=given,
         controller=mean_axes_controller(
             believed,
-            (hardware or Hardware.flight()).limits(truss),
+            (hardware or Hardware.flight(control="torque")).limits(truss),
             design,
             truss.start_position,
         ),

@@ -182,7 +182,7 @@ class MissionFile:
         used = _used_by(law, observer, kind)
         mission = Mission.of(file, used)
         requested, way = mission.duration, file.table("path")
-        limits = (hardware or Hardware.flight()).limits(believed)
+        limits = (hardware or Hardware.flight(control="torque")).limits(believed)
         mission, path = path_from(file, mission, believed, limits)
         refused = way.choice("infeasible", ("refused", "allowed")) == "refused"
         found = cls(
@@ -302,7 +302,7 @@ class MissionFile:
         """Return the shortest duration of the path within the actuator limits [s].
 
         Linear programmes compute it for the nominal plant and a path scaled in time; it is 0 for a path at
-        rest. The limits are those of the hardware or, without hardware, of `Hardware.flight`.
+        rest. The limits are those of the hardware or, without hardware, of `Hardware.flight` with gearless joints.
 
         Raises
         ------
@@ -310,7 +310,7 @@ class MissionFile:
             If `survey` raises.
         """
         truss = self.believed
-        limits = (self.hardware or Hardware.flight()).limits(truss)
+        limits = (self.hardware or Hardware.flight(control="torque")).limits(truss)
         if self.path is None and not np.any(self.mission.displacement(truss.rigid)):
             return 0.0
         path = path_of(self.mission, truss) if self.path is None else self.path
