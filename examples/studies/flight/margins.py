@@ -15,11 +15,16 @@ import numpy as np
 import xarray as xr
 
 from flight.loops import LAWS
-from flight.sampled_loop import SampledLoop, spectral_radius
+from flight.sampled_loop import SampledLoop, ServoLoop, spectral_radius
 from flight.samples import sample_parameters
+from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.library.continuous import Integrator
 from trussflow.blocks.linear_analysis.margins import channel_disks, frequencies_about
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.support.types import Vector
+from trussflow.models.hardware.hardware import Hardware
+from trussflow.models.hardware.joint_servo import ServoDesign
+from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.transport.mean_axes_wiring import mean_axes_transport
 from trussflow.models.transport.mission import Mission
@@ -40,6 +45,7 @@ VARIATIONS: dict[str, dict[str, float]] = {
     "gain 1.4": {"actuators": 1.4},
     "gain 2": {"actuators": 2.0},
     "+20 ms": {"delay": 0.02},
+    "+40 ms": {"delay": 0.04},
 }
 """Variations of the loop, as arguments of `SampledLoop.closed`.
 
@@ -58,9 +64,38 @@ _STATES = [
 ]
 
 
+ALLOCATED = "controller.allocation.command"
+"""Commands of the controller."""
+
+SERVO_TORQUES = "servo_torques.integral"
+"""State of the diagram by `loop_diagram` with the mean torques of the servo beyond the feedforward."""
+
+
+def loop_diagram(mission: Mission, truss: SpaceTruss) -> Diagram:
+    """Return the mean-axes loop without hardware, with the mean torques of a servo as constant states.
+
+    Parameters
+    ----------
+    mission : Mission
+        Path.
+    truss : SpaceTruss
+        Plant, with the inertia of the drives.
+    """
+    diagram = mean_axes_transport(mission, truss)
+    controller, bases = diagram.blocks["controller"], 6 * truss.robots
+    command, actuation = controller.port("command"), controller.port("actuation")
+    diagram.disconnect(actuation)
+    extra = diagram.add(servo_torques=Integrator(np.zeros(truss.joints)))
+    diagram.ground(extra.u)
+    command[:bases] >> actuation[:bases]
+    command[bases:] + extra.y >> actuation[bases:]
+    return diagram
+
+
 def loop_session(backend: str = "auto") -> Session:
-    """Return a session of the mean-axes loop of Case 1 without hardware, with a backend of `Session`."""
-    diagram = mean_axes_transport(Mission.of_case(1), TunableTruss.accurate())
+    """Return a session of the loop of Case 1 by `loop_diagram`, with a backend of `Session`."""
+    truss = Hardware.flight().mounted(TunableTruss.accurate())
+    diagram = loop_diagram(Mission.of_case(1), truss)
     step = LAWS["mean axes"].step
     return Session(diagram, outputs=[], step=step, backend=backend)
 
@@ -70,19 +105,23 @@ def loops_along(
     duration: float,
     parameters: Mapping[str, Any] | None = None,
     instants: Mapping[str, float] = INSTANTS,
+    servo: ServoDesign | None = None,
 ) -> Iterator[tuple[str, SampledLoop]]:
     """Simulate, and yield the linearized loop at each instant.
 
     Parameters
     ----------
     session : Session
-        Session of `mean_axes_transport` without hardware. For samples the truss must be a `TunableTruss`.
+        Session of `mean_axes_transport` without hardware, or with a servo of `loop_diagram`. For samples the
+        truss must be a `TunableTruss`.
     duration : float
         Duration of the path [s].
     parameters : mapping, optional
         Parameters of the run, by ``"block.parameter"``, such as ``"truss.mass"`` [as declared].
     instants : mapping
         Increasing instants by name, relative to the duration [-].
+    servo : ServoDesign, optional
+        Local servo of the joints in the linearized loop, by default none.
 
     Raises
     ------
@@ -93,12 +132,13 @@ def loops_along(
     tick = session.prepared.plan.system.clocks[0].period
     rigid = session.prepared.plan.memory.entries["controller.estimator", "y"].shape[0]
     measured = [f"truss.{name}[0:{rigid}]" for name in ("q", "v")]
+    measured += [SERVO_TORQUES] if servo else []
     for name, part in instants.items():
         session.advance(float(round(part * duration / tick) * tick))
-        yield (
-            name,
-            SampledLoop.of(session, "controller.allocation.command", _STATES, measured),
-        )
+        loop = SampledLoop.of(session, ALLOCATED, _STATES, measured)
+        if servo is not None:
+            loop = ServoLoop(plant=loop.plant, controller=loop.controller, servo=servo)
+        yield name, loop
 
 
 def margins_of(loop: SampledLoop) -> dict[str, Any]:
@@ -157,10 +197,12 @@ def first_unstable(radius: Callable[[float], float], values: Vector) -> float:
 def margins_along(seeds: list[int]) -> xr.Dataset:
     """Return the margins at all `INSTANTS` for the truss of each seed."""
     session, plant = loop_session(), TunableTruss.accurate()
+    servo = Hardware.flight().servo
     duration = Mission.of_case(1).duration
     found = []
     for seed in seeds:
-        loops = loops_along(session, duration, sample_parameters(plant, seed))
+        parameters = sample_parameters(plant, seed)
+        loops = loops_along(session, duration, parameters, servo=servo)
         found.append([margins_of(loop) for _, loop in loops])
     along = "seed", "instant"
     dims = {"growth": (*along, "variation"), "disk": along, "delay": along}

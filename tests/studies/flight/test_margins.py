@@ -10,6 +10,7 @@ from flight.margins import (
     BUCKLING_RATE,
     VARIATIONS,
     first_unstable,
+    loop_diagram,
     loops_along,
     margins_of,
     max_gain_ratio,
@@ -18,7 +19,7 @@ from flight.margins import (
 from flight.sampled_loop import spectral_radius
 
 from trussflow.blocks import Session
-from trussflow.models import SpaceTruss
+from trussflow.models import Hardware, SpaceTruss
 from trussflow.models.transport import Mission, mean_axes_transport
 
 # The paper's path of 60 s, scaled down in time and, with the same accelerations, in displacement.
@@ -146,3 +147,60 @@ def test_a_searched_feedback_nearly_reaches_the_bound_of_gains(feedback, bound, 
     assert found == pytest.approx(bound, rel=1e-3)
     assert gains[-1] / gains[0] == pytest.approx(ratio, rel=1e-2)
     assert gains[-1] / gains[0] < found * (1.0 + 1e-4)
+
+
+@pytest.fixture(scope="module")
+def servo_loop():
+    """Return the linear loop with the servo under peak thrust, its session, and the state there."""
+    servo = Hardware.flight().servo
+    truss = Hardware.flight().mounted(SpaceTruss.consistent())
+    session = Session(loop_diagram(MISSION, truss), outputs=[], step=2e-3)
+    instants = {"peak acceleration": 0.2113}
+    ((_, loop),) = loops_along(session, DURATION, None, instants, servo)
+    return loop
+
+
+def test_a_servo_removes_the_limits_of_gain_and_delay(servo_loop):
+    """Rotors slow the buckling to 2 1/s; the loop then bears gains of 0.5 to 2 and 40 ms, all in the table."""
+    assert np.linalg.eigvals(servo_loop.plant.A).real.max() < 2.1
+    found = margins_of(servo_loop)
+    assert max(found["growth"]) < 0.0
+    assert found["disk"] > 0.3
+    assert found["delay"] > 0.04
+
+
+def test_the_servo_of_the_map_is_that_of_the_hardware(servo_loop):
+    """One sample time of plant and servo, simulated step by step with held commands."""
+    plant, servo = servo_loop.plant, servo_loop.servo
+    flow, driven = servo_loop.flow(0.02, np.ones(plant.ninputs))
+    rng = np.random.default_rng(1)
+    state, command = rng.standard_normal(len(flow)), rng.standard_normal(plant.ninputs)
+    state = servo_loop.restart @ state
+    expected = flow @ state + driven @ command
+    joints = servo_loop.joints
+    x, torque, mean = state[:-joints], state[-joints:], 0.0
+    step = scipy.linalg.expm(
+        1e-3
+        * np.block(
+            [[plant.A, plant.B], [np.zeros((plant.ninputs, sum(plant.B.shape)))]]
+        )
+    )
+    for _ in range(20):
+        mean = mean + (torque - command[-joints:]) / 20.0
+        acting = np.concatenate([command[:-joints], torque])
+        angles, rates = (
+            (plant.C @ x)[6 : 6 + joints],
+            (plant.C @ x)[12 + joints :][:joints],
+        )
+        torque = (
+            command[-joints:]
+            - servo.proportional_gain * angles
+            - servo.derivative_gain * rates
+        )
+        x = (step @ np.concatenate([x, acting]))[: len(x)]
+    measured = servo_loop.measurement @ expected
+    np.testing.assert_allclose(measured[-joints:], mean, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(expected[-joints:], torque, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        measured[:-joints], (plant.C @ x)[:-joints], rtol=0, atol=1e-9
+    )
