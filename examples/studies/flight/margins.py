@@ -45,7 +45,6 @@ VARIATIONS: dict[str, dict[str, float]] = {
     "gain 1.4": {"actuators": 1.4},
     "gain 2": {"actuators": 2.0},
     "+20 ms": {"delay": 0.02},
-    "+40 ms": {"delay": 0.04},
 }
 """Variations of the loop, as arguments of `SampledLoop.closed`.
 
@@ -54,9 +53,6 @@ Gains apply to the feedback at constant thrust. In a simulation, the loop also c
 
 DELAYS = np.arange(0.0, 0.21, 0.01)
 """Delays of the search for the delay margin [s]."""
-
-BUCKLING_RATE = 21.2
-"""Unstable pole of an arm at peak thrust [1/s]."""
 
 _STATES = [
     f"controller.estimator.{name}"
@@ -213,30 +209,3 @@ def margins_along(seeds: list[int]) -> xr.Dataset:
         },
         {"seed": seeds, "instant": list(INSTANTS), "variation": list(VARIATIONS)},
     )
-
-
-def max_gain_ratio(growth: float, dead_time: float) -> float:
-    r"""Return the largest ratio of loop gains that one linear controller can stabilize [-].
-
-    With actuator gains k from :math:`k_1` to :math:`k_2`, the loop is stable if the complementary
-    sensitivity T has no eigenvalue :math:`1 / (1 - k)` in the right half-plane. A conformal map takes the
-    rest of the plane to the unit disk, and 0 to 0. T has the eigenvalue 1 at the unstable pole p, and the
-    factor :math:`e^{-\tau s}` of the dead time. By the maximum principle, for every controller,
-
-    .. math:: \frac{k_2}{k_1} < \left(\frac{e^{p\tau} + 1}{e^{p\tau} - 1}\right)^2
-
-    Parameters
-    ----------
-    growth : float
-        Unstable pole p of the plant, positive [1/s].
-    dead_time : float
-        :math:`\tau`, from a measurement to the first measured response to it; with sampling a number of
-        whole sample times, one of them for the hold [s].
-
-    References
-    ----------
-    Khargonekar, Tannenbaum (1985), *Non-Euclidian metrics and the robust stabilization of systems with
-    parameter uncertainty*, IEEE Transactions on Automatic Control 30 (10).
-    """
-    late = np.exp(growth * dead_time)
-    return float(((late + 1.0) / (late - 1.0)) ** 2)

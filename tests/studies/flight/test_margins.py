@@ -7,13 +7,11 @@ import pytest
 import scipy.linalg
 from flight.loops import with_arms
 from flight.margins import (
-    BUCKLING_RATE,
     VARIATIONS,
     first_unstable,
     loop_diagram,
     loops_along,
     margins_of,
-    max_gain_ratio,
     min_disk,
 )
 from flight.sampled_loop import spectral_radius
@@ -48,7 +46,7 @@ def loops(session):
 def test_arms_buckle_under_thrust_and_are_held(loops):
     """Without thrust nothing leaves rest by itself; at 3.4 N joints leave at 21 1/s, and the loop holds."""
     fastest = [np.linalg.eigvals(loop.plant.A).real.max() for loop, _ in loops.values()]
-    assert fastest == pytest.approx([0.0, BUCKLING_RATE], rel=0.02, abs=0.01)
+    assert fastest == pytest.approx([0.0, 21.2], rel=0.02, abs=0.01)
     assert all(spectral_radius(loop.closed()) < 1.0 for loop, _ in loops.values())
 
 
@@ -119,34 +117,6 @@ def test_the_first_unstable_value_is_found_up_and_down():
     )
     assert first_unstable(lambda _: 0.5, values) == np.inf
     assert first_unstable(lambda _: 1.5, values) == 0.0
-
-
-@pytest.mark.parametrize(
-    ("feedback", "bound", "ratio"),
-    [([1972.718, 19.437], 22.92, 22.92), ([1087.631, 28.840, 1.266], 6.24, 3.62)],
-)
-def test_a_searched_feedback_nearly_reaches_the_bound_of_gains(feedback, bound, ratio):
-    """Feedback of angle, rate and last command, found by a search for the widest range of gains.
-
-    Acting at once it reaches the bound; a sample later it stays 0.58 of it.
-    """
-    time, size = 0.02, len(feedback)
-    steps = scipy.linalg.expm(
-        np.array([[0.0, 1.0, 0.0], [BUCKLING_RATE**2, 0.0, 1.0], [0.0, 0.0, 0.0]])
-        * time
-    )
-
-    def stable(gain):
-        plant = np.eye(3, k=3)
-        plant[:2] = steps[:2] * [1.0, 1.0, gain]
-        push = plant[:size, 2] if size == 2 else np.eye(3)[2]
-        return spectral_radius(plant[:size, :size] - np.outer(push, feedback)) < 1.0
-
-    gains = [gain for gain in np.geomspace(0.05, 20.0, 4000) if stable(gain)]
-    found = max_gain_ratio(BUCKLING_RATE, time * (size - 1))
-    assert found == pytest.approx(bound, rel=1e-3)
-    assert gains[-1] / gains[0] == pytest.approx(ratio, rel=1e-2)
-    assert gains[-1] / gains[0] < found * (1.0 + 1e-4)
 
 
 @pytest.fixture(scope="module")
