@@ -6,6 +6,8 @@ import numpy as np
 
 from trussflow.blocks.framework.arithmetic import Operation
 from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.library.algebra import Function
 from trussflow.blocks.support.types import Vector
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.mean_axes.actuator_costs import ActuatorCosts
@@ -22,6 +24,8 @@ def mean_axes_controller(
     limits: Vector,
     design: MeanAxesDesign | None = None,
     start: Vector | None = None,
+    *,
+    held_joints: bool = False,
 ) -> Diagram:
     """Return the mean-axes controller: estimator, law, allocation, fault detection and excitation.
 
@@ -35,6 +39,8 @@ def mean_axes_controller(
         Design parameters, by default the shipped ones.
     start : Vector, optional
         Rigid coordinates at the start [m, rad]; by default those at rest.
+    held_joints : bool
+        Whether joints with failed drives are held, by power-off brakes, instead of free.
 
     Returns
     -------
@@ -75,8 +81,18 @@ def mean_axes_controller(
     for port in law.outputs():
         port >> allocation.port(port.name)
     estimator.disturbance >> monitor.disturbance
-    monitor.effectiveness >> allocation.effectiveness
-    monitor.effectiveness >> left.u1
+    # A brake makes the torque that a healthy drive would make to hold its joint.
+    held = np.where(np.arange(limits.size) < 6 * len(believed.arms), 0.0, held_joints)
+    acting = controller.add(
+        acting=Function(
+            lambda health: np.maximum(health, held),
+            {"health": Input(limits.size)},
+            {"y": Output(limits.size)},
+        ).sampled(design.sample_time)
+    )
+    monitor.effectiveness >> acting
+    acting >> allocation.effectiveness
+    acting >> left.u1
     left.y >> estimator.actuation
     probe.probe >> allocation.probe
     economy.price >> allocation.price

@@ -83,6 +83,7 @@ def mean_axes_transport(
             (hardware or Hardware.flight(control="torque")).limits(truss),
             design,
             truss.start_position,
+            held_joints=hardware is not None and hardware.servo is not None,
         ),
     )
     diagram.add(truss=truss, errors=TaskErrors(truss.dynamics))

@@ -122,10 +122,6 @@ def test_plant_and_observer_are_options(tmp_path):
         (["--step", "0"], "simulation: step is 0; it must be above 0"),
         (["--step", "inf"], "simulation: 'step' is not finite: inf"),
         (
-            ["--case", "2", "--hardware", "flight"],
-            "need at least 67.33 s for this path",
-        ),
-        (
             ["--live", "--controller", "pd"],
             "--live needs a solver with fixed steps, not Rodas5P: set --solver rk4",
         ),
@@ -143,12 +139,18 @@ def test_nonsense_is_one_clear_line(words, message, tmp_path, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_path_too_fast_for_the_actuators_is_run_if_asked_for(capsys):
-    assert (
-        main(["--case", "2", "--hardware", "flight", "--infeasible", "--explain"]) == 0
+def test_a_path_too_fast_for_the_actuators_is_run_if_asked_for(tmp_path, capsys):
+    """Feasible in 53.75 s by `survey`."""
+    fast = tmp_path / "fast.toml"
+    fast.write_text(
+        'title = "Fast"\nextends = "case_2.toml"\n[path]\nduration = "50 s"\n'
     )
+    words = [str(fast), "--hardware", "flight", "--explain"]
+    assert main(words) == 2
+    assert "need at least 53.75 s for this path" in capsys.readouterr().err
+    assert main([*words, "--infeasible"]) == 0
     assert (
-        "need at least 67.33 s for the path, which takes 60 s"
+        "need at least 53.75 s for the path, which takes 50 s"
         in capsys.readouterr().out
     )
 

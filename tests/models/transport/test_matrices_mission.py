@@ -45,7 +45,7 @@ law = "mean axes"
 kind = "flight"
 [simulation]
 duration = "2 s"
-step = "2 ms"
+step = "1 ms"
 """
 
 
