@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from systems import respond
 
 from trussflow.blocks import Simulator
 from trussflow.models import Hardware, ModelError, SpaceTruss
@@ -50,3 +51,16 @@ def test_a_plant_without_its_drives():
         mean_axes_transport(
             Mission.of_case(1), SpaceTruss.consistent(), hardware=Hardware.flight()
         )
+
+
+@pytest.mark.parametrize("control", ["servo", "torque"])
+def test_power_off_brakes_hold_the_joints_of_an_isolated_robot(control):
+    """The allocation keeps the drives of an isolated robot, unless its joints are free."""
+    hardware = Hardware.flight(control=control)
+    truss = hardware.mounted(SpaceTruss.consistent())
+    diagram = mean_axes_transport(Mission.of_case(1), truss, hardware=hardware)
+    left = respond(
+        diagram.blocks["controller"].blocks["acting"], health=np.zeros(truss.actuators)
+    )["y"]
+    assert not left[:24].any()
+    assert (left[24:] == (control == "servo")).all()
