@@ -90,7 +90,7 @@ class MeanAxesEstimator(MeanAxesBlock):
               \ddot\eta + \Omega^2 \eta = B Q, \quad \dot w = 0
 
     The joint angles :math:`\theta` in G, P and c are the measured ones, extrapolated with the measured rates.
-    Thrust on the bases makes arms with gearless joints unstable (buckling, poles up to +21 1/s at 3.4 N). An estimate with
+    Thrust on the bases makes arms with gearless joints unstable (buckling, poles up to +21 1/s). An estimate with
     the bandwidth of this motion would destabilize the modes. With measured joints the estimator can be slow.
 
     At each sample the constant gain times the innovation, the difference of the measurements and
