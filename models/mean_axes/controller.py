@@ -60,7 +60,7 @@ def mean_axes_controller(
     """
     design = MeanAxesDesign.shipped() if design is None else design
     controller = Diagram("mean-axes controller")
-    monitor = FaultDetection(believed, design)
+    monitor = FaultDetection(believed, design, held_joints)
     estimator, law, allocation, left, economy, probe, _ = controller.add(
         estimator=MeanAxesEstimator(believed, design, start),
         law=MeanAxesLaw(believed, design),

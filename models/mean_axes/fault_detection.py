@@ -66,6 +66,9 @@ class FaultDetection(MeanAxesBlock):
         Nominal dynamics of truss and robots.
     design : MeanAxesDesign
         Sample time, noise, and threshold.
+    held_joints : bool
+        Whether joints with failed drives are held instead of free. The expected torque of a failed drive is
+        then that of its brake.
 
     References
     ----------
@@ -111,8 +114,11 @@ class FaultDetection(MeanAxesBlock):
         minimum=0.0, unit="s", meaning="holdoff time of other robots after a failure"
     )
 
-    def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign) -> None:
+    def __init__(
+        self, dynamics: TrussDynamics, design: MeanAxesDesign, held_joints: bool = False
+    ) -> None:
         robots, joints = len(dynamics.arms), dynamics.joints
+        self.held = np.append(np.zeros(6 * robots), np.full(joints, held_joints))
         self.parts, self.columns, self.losses = 2 * robots, 2 * robots + 1, 3 * robots
         sizes = [6] * robots + [arm.joints for arm in dynamics.arms]
         # One column per part: the six actuators of each base, then the drives of each
@@ -216,7 +222,11 @@ class FaultDetection(MeanAxesBlock):
         parts = terms.actuation_matrix @ (
             acting * np.reshape(u.actuation, (self.actuators, 1))
         )
+        brakes = terms.actuation_matrix @ (
+            self.held * (self.members @ dead) * u.actuation
+        )
         others = np.concatenate([u.disturbance[:6], np.zeros(self.joints)]) - terms.bias
+        others = others + brakes
         forces = np.concatenate([parts, np.reshape(others, (self.rigid, 1))], axis=1)
         change = solve_positive_definite(terms.mass_matrix, forces)
         return {
