@@ -26,7 +26,7 @@ def test_flight_behind_hardware():
         diagram.blocks["trajectory"].port("position"),
         truss.base_torque,
     ]
-    result = Simulator(diagram, step=2e-3, log=ports, log_step=0.02).run(12.0)
+    result = Simulator(diagram, step=1e-3, log=ports, log_step=0.02).run(12.0)
     error = np.abs(
         result["truss.task_position"].values - result["trajectory.position"].values
     )

@@ -96,10 +96,8 @@ def test_the_paper_s_truss_slews_by_a_third_of_a_circle():
         attitude=turn,
         duration=100.0,
     )
-    diagram = mean_axes_transport(
-        way, truss, hardware=replace(Hardware.flight(), gyroscopic="cancelled")
-    )
-    simulator = Simulator(diagram, step=2e-3, log=logged(diagram), log_step=LOG_STEP)
+    diagram = mean_axes_transport(way, truss, hardware=hardware)
+    simulator = Simulator(diagram, step=1e-3, log=logged(diagram), log_step=LOG_STEP)
     found = simulator.run(110.0)
     angle = 2.0 * np.arctan2(
         found["attitude"].values[:, 1], found["attitude"].values[:, 0]
