@@ -81,18 +81,21 @@ def mean_axes_controller(
     for port in law.outputs():
         port >> allocation.port(port.name)
     estimator.disturbance >> monitor.disturbance
-    # A brake makes the torque that a healthy drive would make to hold its joint.
-    held = np.where(np.arange(limits.size) < 6 * len(believed.arms), 0.0, held_joints)
-    acting = controller.add(
-        acting=Function(
-            lambda health: np.maximum(health, held),
-            {"health": Input(limits.size)},
-            {"y": Output(limits.size)},
-        ).sampled(design.sample_time)
-    )
-    monitor.effectiveness >> acting
-    acting >> allocation.effectiveness
-    acting >> left.u1
+    effectiveness = monitor.effectiveness
+    if held_joints:
+        # A brake makes the torque that a healthy drive would make to hold its joint.
+        held = np.where(np.arange(limits.size) < 6 * len(believed.arms), 0.0, 1.0)
+        acting = controller.add(
+            acting=Function(
+                lambda health: np.maximum(health, held),
+                {"health": Input(limits.size)},
+                {"y": Output(limits.size)},
+            ).sampled(design.sample_time)
+        )
+        effectiveness >> acting
+        effectiveness = acting.y
+    effectiveness >> allocation.effectiveness
+    effectiveness >> left.u1
     left.y >> estimator.actuation
     probe.probe >> allocation.probe
     economy.price >> allocation.price

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 from study_tools.evidence import fingerprint, projection
 
-from flight.failures import NO_BRAKES, failure_metrics, failure_parameters
+from flight.failures import failure_metrics, failure_parameters
 from flight.loops import PAPER_LAWS, flight_simulator, law_simulator
 from flight.metrics import run_metrics, tracking
 from flight.samples import NOMINAL_SEED, run_parameters
@@ -38,12 +38,10 @@ SAMPLES, FAILURES, OFF_NOMINAL = "Monte Carlo samples", "Failures", "Off-nominal
 PROPELLANT, EXACT = "Propellant and wheel management", "Exact loops"
 """Titles of the sections of the report."""
 
-NO_BRAKES_REMARK = ", without brakes"
-
 FAILING: tuple[tuple[str, str, int, dict[str, Any]], ...] = (
     ("base", "", 3, {}),
+    ("robot", ", with brakes", 3, {"brakes": True}),
     ("robot", "", 3, {}),
-    ("robot", NO_BRAKES_REMARK, 3, {}),
     ("base", ", turned", 4, {"turned": True}),
     ("base", ", Case 2", 2, {"case": 2}),
 )
@@ -166,11 +164,9 @@ def all_campaigns(count: int) -> list[Campaign]:
             Campaign(
                 section=FAILURES,
                 name=f"{part} fails{remark}",
-                options={"failing": True, **options},
+                options={"brakes": False, **options},
                 rows=[
-                    failure_parameters(plant.dynamics, *failure)
-                    | (NO_BRAKES if remark == NO_BRAKES_REMARK else {})
-                    for failure in failures
+                    failure_parameters(plant.dynamics, *failure) for failure in failures
                 ],
                 labels=[
                     f"{part} {robot} fails at {time:g} s{remark}"
@@ -196,7 +192,7 @@ def all_campaigns(count: int) -> list[Campaign]:
             Campaign(
                 section=OFF_NOMINAL,
                 name=name,
-                options={"failing": True, **arms},
+                options={"brakes": False, **arms},
                 rows=[
                     health | run_parameters(plant, seed) for seed in NOMINAL_AND_SAMPLES
                 ],

@@ -1,4 +1,4 @@
-"""Sudden actuator failures: the block that applies them, and metrics of a run with a failure."""
+"""Sudden actuator failures: the block that applies them, brakes, and metrics of a run with a failure."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from flight.metrics import torques, tracking
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Parameter, Signals
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.port import Output
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.library.algebra import Function
 from trussflow.blocks.support.types import Array
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.feasibility import ActuatorFailure
@@ -36,11 +37,8 @@ FAILURE_METRICS = (
 )
 """Metrics of a run with a failure."""
 
-NO_BRAKES: dict[str, float] = {
-    "actuators.drives.brake_stiffness": 0.0,
-    "actuators.drives.brake_damping": 0.0,
-}
-"""Parameters of a run without brakes: the joints of failed drives move freely."""
+BRAKE_FREQUENCY = 40.0
+"""Natural frequency of a braked arm [rad/s]: above that of the loop, below the limit of the solver."""
 
 
 def failure_parameters(
@@ -101,8 +99,14 @@ class SuddenFailure(Block):
         }
 
 
-def with_failures(diagram: Diagram, dynamics: TrussDynamics) -> Diagram:
-    """Add a `SuddenFailure` named failure to a mean-axes loop with hardware, and return the diagram.
+def with_failures(
+    diagram: Diagram, dynamics: TrussDynamics, *, brakes: bool
+) -> Diagram:
+    r"""Add a `SuddenFailure` named failure to a mean-axes loop with hardware, and return the diagram.
+
+    Brakes are stiff critically damped springs, :math:`\tau_b = -G (\omega^2\theta + 2\omega\dot\theta)` with
+    the inertia G of the arms at rest. They return the joints to zero whose drives the controller has
+    isolated.
 
     Parameters
     ----------
@@ -110,11 +114,41 @@ def with_failures(diagram: Diagram, dynamics: TrussDynamics) -> Diagram:
         Loop by `mean_axes_transport`.
     dynamics : TrussDynamics
         Truss and robots.
+    brakes : bool
+        Whether joints have brakes; without brakes, joints with failed drives move freely.
     """
     failure = diagram.add(failure=SuddenFailure(dynamics))
     actuators = diagram.blocks["actuators"]
     for port in failure.outputs():
         port >> actuators.port(port.name)
+    if brakes:
+        truss, joints = diagram.blocks["truss"], dynamics.joints
+        own = slice(6, 6 + joints)
+        inertia = dynamics.evaluate(dynamics.rest).mass_matrix[own, own]
+
+        def braked(angles: Array, rates: Array, effectiveness: Array) -> Array:
+            on = 1.0 - effectiveness[-joints:]
+            stiffness, damping = BRAKE_FREQUENCY**2, 2.0 * BRAKE_FREQUENCY
+            return -on * (inertia @ (on * (stiffness * angles + damping * rates)))
+
+        inputs = {
+            "angles": Input(joints),
+            "rates": Input(joints),
+            "effectiveness": Input(dynamics.actuators),
+        }
+        block = diagram.add(
+            brakes=Function(braked, inputs, {"torques": Output(joints)})
+        )
+        truss.port("task_position")[6:] >> block.port("angles")
+        truss.port("rigid_speeds")[6:] >> block.port("rates")
+        health = diagram.blocks["controller"].port("effectiveness")
+        health >> block.port("effectiveness")
+        # The drives of the hardware are gearless, without brakes of their own.
+        acting, driven = truss.port("actuation"), actuators.port("actuation")
+        bases = dynamics.actuators - joints
+        diagram.disconnect(acting)
+        driven[:bases] >> acting[:bases]
+        driven[bases:] + block.port("torques") >> acting[bases:]
     return diagram
 
 

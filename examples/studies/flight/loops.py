@@ -96,7 +96,7 @@ def simulator_of(
     *,
     case: int = 1,
     nominal: TrussDynamics | None = None,
-    failing: bool = False,
+    brakes: bool | None = None,
     log: tuple[str, ...] = LOG,
     backend: str = "auto",
 ) -> Simulator:
@@ -114,14 +114,14 @@ def simulator_of(
         Case 1 or 2 of the paper.
     nominal : TrussDynamics, optional
         Nominal dynamics of the controller, by default those of the plant.
-    failing : bool
-        Whether actuators can fail, see `with_failures`.
+    brakes : bool, optional
+        Whether joints have brakes, as for `with_failures`; by default no actuator can fail.
     log : tuple of str
         Logged signals.
     backend : str
         As for `Simulator`.
     """
-    mission, truss = Mission.of_case(case), hardware.mounted(truss)
+    mission = Mission.of_case(case)
     if law.delay:
         design = replace(MeanAxesDesign.shipped(), sample_time=hardware.sample_time)
         diagram = mean_axes_transport(
@@ -129,10 +129,9 @@ def simulator_of(
         )
     else:
         diagram = transport_diagram(mission, truss, believed=nominal, hardware=hardware)
-    if failing:
-        with_failures(diagram, truss.dynamics)
-    step = law.step if hardware.servo is None else hardware.servo.sample_time
-    return Simulator(diagram, step=step, log=log, log_step=0.02, backend=backend)
+    if brakes is not None:
+        with_failures(diagram, truss.dynamics, brakes=brakes)
+    return Simulator(diagram, step=law.step, log=log, log_step=0.02, backend=backend)
 
 
 def law_simulator(
@@ -166,7 +165,6 @@ def flight_simulator(
     mass: float = 1.0,
     length: float = 1.0,
     turned: bool = False,
-    arm: str = "literal",
     **settings: Any,
 ) -> Simulator:
     """Return the mean-axes loop of the accurate plant with the reference hardware.
@@ -179,18 +177,14 @@ def flight_simulator(
         Masses and lengths of the arms in the nominal dynamics, relative to the plant [-].
     turned : bool
         Whether the truss has the attitude of `failure_tolerant_truss`.
-    arm : str
-        Arm of the plant, as for `TunableTruss.accurate`.
     **settings
-        Failures and backend, as for `simulator_of`.
+        Brakes and backend, as for `simulator_of`.
     """
-    truss = failure_tolerant_truss(case) if turned else TunableTruss.accurate(arm=arm)
-    hardware = reference_hardware_of(case)
-    truss = hardware.mounted(truss)
+    truss = failure_tolerant_truss(case) if turned else TunableTruss.accurate()
     return simulator_of(
         LAWS["mean axes"],
         truss,
-        hardware,
+        reference_hardware_of(case),
         case=case,
         nominal=with_arms(truss.dynamics, mass=mass, length=length),
         log=FLIGHT_LOG,
@@ -200,7 +194,7 @@ def flight_simulator(
 
 def reference_hardware_of(case: int) -> Hardware:
     """Return `Hardware.flight`, with a torque limit of 1 N·m and larger wheels in Case 2."""
-    return Hardware.flight(torque=None if case == 1 else 1.0)
+    return Hardware.flight(torque=None if case == 1 else 1.0, control="torque")
 
 
 def failure_tolerant_truss(case: int) -> TunableTruss:
@@ -208,7 +202,7 @@ def failure_tolerant_truss(case: int) -> TunableTruss:
     truss = TunableTruss.accurate()
     path = path_of(Mission.of_case(case), truss)
     best = best_attitude(
-        truss.dynamics, path, Hardware.flight().limits(truss), normal=(1, 0, 0)
+        truss.dynamics, path, Hardware.flight(control="torque").limits(truss), normal=(1, 0, 0)
     )
     return truss.turned(best.attitude)
 

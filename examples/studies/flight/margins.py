@@ -15,16 +15,11 @@ import numpy as np
 import xarray as xr
 
 from flight.loops import LAWS
-from flight.sampled_loop import SampledLoop, ServoLoop, spectral_radius
+from flight.sampled_loop import SampledLoop, spectral_radius
 from flight.samples import sample_parameters
-from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.library.continuous import Integrator
 from trussflow.blocks.linear_analysis.margins import channel_disks, frequencies_about
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.support.types import Vector
-from trussflow.models.hardware.hardware import Hardware
-from trussflow.models.hardware.joint_servo import ServoDesign
-from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.transport.mean_axes_wiring import mean_axes_transport
 from trussflow.models.transport.mission import Mission
@@ -54,44 +49,18 @@ Gains apply to the feedback at constant thrust. In a simulation, the loop also c
 DELAYS = np.arange(0.0, 0.21, 0.01)
 """Delays of the search for the delay margin [s]."""
 
+BUCKLING_RATE = 21.2
+"""Unstable pole of an arm at peak thrust [1/s]."""
+
 _STATES = [
     f"controller.estimator.{name}"
     for name in ("y", "nu", "eta", "eta_rate", "w", "posture")
 ]
 
 
-ALLOCATED = "controller.allocation.command"
-"""Commands of the controller."""
-
-SERVO_TORQUES = "servo_torques.integral"
-"""State of the diagram by `loop_diagram` with the mean torques of the servo beyond the feedforward."""
-
-
-def loop_diagram(mission: Mission, truss: SpaceTruss) -> Diagram:
-    """Return the mean-axes loop without hardware, with the mean torques of a servo as constant states.
-
-    Parameters
-    ----------
-    mission : Mission
-        Path.
-    truss : SpaceTruss
-        Plant, with the inertia of the drives.
-    """
-    diagram = mean_axes_transport(mission, truss)
-    controller, bases = diagram.blocks["controller"], 6 * truss.robots
-    command, actuation = controller.port("command"), controller.port("actuation")
-    diagram.disconnect(actuation)
-    extra = diagram.add(servo_torques=Integrator(np.zeros(truss.joints)))
-    diagram.ground(extra.u)
-    command[:bases] >> actuation[:bases]
-    command[bases:] + extra.y >> actuation[bases:]
-    return diagram
-
-
 def loop_session(backend: str = "auto") -> Session:
-    """Return a session of the loop of Case 1 by `loop_diagram`, with a backend of `Session`."""
-    truss = Hardware.flight().mounted(TunableTruss.accurate())
-    diagram = loop_diagram(Mission.of_case(1), truss)
+    """Return a session of the mean-axes loop of Case 1 without hardware, with a backend of `Session`."""
+    diagram = mean_axes_transport(Mission.of_case(1), TunableTruss.accurate())
     step = LAWS["mean axes"].step
     return Session(diagram, outputs=[], step=step, backend=backend)
 
@@ -101,23 +70,19 @@ def loops_along(
     duration: float,
     parameters: Mapping[str, Any] | None = None,
     instants: Mapping[str, float] = INSTANTS,
-    servo: ServoDesign | None = None,
 ) -> Iterator[tuple[str, SampledLoop]]:
     """Simulate, and yield the linearized loop at each instant.
 
     Parameters
     ----------
     session : Session
-        Session of `mean_axes_transport` without hardware, or with a servo of `loop_diagram`. For samples the
-        truss must be a `TunableTruss`.
+        Session of `mean_axes_transport` without hardware. For samples the truss must be a `TunableTruss`.
     duration : float
         Duration of the path [s].
     parameters : mapping, optional
         Parameters of the run, by ``"block.parameter"``, such as ``"truss.mass"`` [as declared].
     instants : mapping
         Increasing instants by name, relative to the duration [-].
-    servo : ServoDesign, optional
-        Local servo of the joints in the linearized loop, by default none.
 
     Raises
     ------
@@ -128,13 +93,12 @@ def loops_along(
     tick = session.prepared.plan.system.clocks[0].period
     rigid = session.prepared.plan.memory.entries["controller.estimator", "y"].shape[0]
     measured = [f"truss.{name}[0:{rigid}]" for name in ("q", "v")]
-    measured += [SERVO_TORQUES] if servo else []
     for name, part in instants.items():
         session.advance(float(round(part * duration / tick) * tick))
-        loop = SampledLoop.of(session, ALLOCATED, _STATES, measured)
-        if servo is not None:
-            loop = ServoLoop(plant=loop.plant, controller=loop.controller, servo=servo)
-        yield name, loop
+        yield (
+            name,
+            SampledLoop.of(session, "controller.allocation.command", _STATES, measured),
+        )
 
 
 def margins_of(loop: SampledLoop) -> dict[str, Any]:
@@ -193,12 +157,10 @@ def first_unstable(radius: Callable[[float], float], values: Vector) -> float:
 def margins_along(seeds: list[int]) -> xr.Dataset:
     """Return the margins at all `INSTANTS` for the truss of each seed."""
     session, plant = loop_session(), TunableTruss.accurate()
-    servo = Hardware.flight().servo
     duration = Mission.of_case(1).duration
     found = []
     for seed in seeds:
-        parameters = sample_parameters(plant, seed)
-        loops = loops_along(session, duration, parameters, servo=servo)
+        loops = loops_along(session, duration, sample_parameters(plant, seed))
         found.append([margins_of(loop) for _, loop in loops])
     along = "seed", "instant"
     dims = {"growth": (*along, "variation"), "disk": along, "delay": along}
@@ -209,3 +171,30 @@ def margins_along(seeds: list[int]) -> xr.Dataset:
         },
         {"seed": seeds, "instant": list(INSTANTS), "variation": list(VARIATIONS)},
     )
+
+
+def max_gain_ratio(growth: float, dead_time: float) -> float:
+    r"""Return the largest ratio of loop gains that one linear controller can stabilize [-].
+
+    With actuator gains k from :math:`k_1` to :math:`k_2`, the loop is stable if the complementary
+    sensitivity T has no eigenvalue :math:`1 / (1 - k)` in the right half-plane. A conformal map takes the
+    rest of the plane to the unit disk, and 0 to 0. T has the eigenvalue 1 at the unstable pole p, and the
+    factor :math:`e^{-\tau s}` of the dead time. By the maximum principle, for every controller,
+
+    .. math:: \frac{k_2}{k_1} < \left(\frac{e^{p\tau} + 1}{e^{p\tau} - 1}\right)^2
+
+    Parameters
+    ----------
+    growth : float
+        Unstable pole p of the plant, positive [1/s].
+    dead_time : float
+        :math:`\tau`, from a measurement to the first measured response to it; with sampling a number of
+        whole sample times, one of them for the hold [s].
+
+    References
+    ----------
+    Khargonekar, Tannenbaum (1985), *Non-Euclidian metrics and the robust stabilization of systems with
+    parameter uncertainty*, IEEE Transactions on Automatic Control 30 (10).
+    """
+    late = np.exp(growth * dead_time)
+    return float(((late + 1.0) / (late - 1.0)) ** 2)

@@ -26,7 +26,6 @@ from trussflow.blocks.linear_analysis.lifting import held_flow
 from trussflow.blocks.linear_analysis.references import label_places, plan_labels
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.support.types import Vector
-from trussflow.models.hardware.joint_servo import ServoDesign
 
 if TYPE_CHECKING:
     import control
@@ -119,28 +118,6 @@ class SampledLoop:
             ),
         )
 
-    @property
-    def measurement(self) -> Vector:
-        """Matrix from the states of `flow` to the measurement."""
-        return np.asarray(self.plant.C)
-
-    @property
-    def restart(self) -> Vector:
-        """Map of the states of `flow` after each measurement, here the identity."""
-        return np.eye(self.measurement.shape[1])
-
-    def flow(self, time: float, gains: Vector) -> tuple[Vector, Vector]:
-        """Return the map of the plant over a time with held commands.
-
-        Parameters
-        ----------
-        time : float
-            Duration, at most one sample time [s].
-        gains : Vector, shape (commands,)
-            Gain of each actuator [-].
-        """
-        return held_flow(self.plant.A, self.plant.B * gains, time)
-
     def closed(self, *, actuators: npt.ArrayLike = 1.0, delay: float = 0.0) -> Vector:
         """Return the map of plant, controller and commands under way over one sample time.
 
@@ -151,23 +128,21 @@ class SampledLoop:
         delay : float
             Delay of the command, not negative; unknown to the controller [s].
         """
-        k, C = self.controller, self.measurement
+        p, k = self.plant, self.controller
         late, part = divmod(round(delay / k.dt, 12), 1.0)
-        m = self.plant.ninputs
-        gains = np.broadcast_to(actuators, m)
-        F1, early = self.flow(part * k.dt, gains)
-        F2, rest = self.flow((1.0 - part) * k.dt, gains)
-        x, s = len(F1), k.nstates
+        F1, early = held_flow(p.A, p.B, part * k.dt)
+        F2, rest = held_flow(p.A, p.B, (1.0 - part) * k.dt)
+        x, s, m = p.nstates, k.nstates, p.ninputs
         waiting = int(late) + (part > 0.0)
+        gains = np.broadcast_to(actuators, m)
         A = np.zeros((x + s + m * waiting,) * 2)
-        A[:x, :x], A[x : x + s, :x] = F2 @ F1 @ self.restart, k.B @ C
-        A[x : x + s, x : x + s] = k.A
+        A[:x, :x], A[x : x + s, :x], A[x : x + s, x : x + s] = F2 @ F1, k.B @ p.C, k.A
         commands = np.zeros((m * (waiting + 1), len(A)))  # newest first
-        commands[:m, :x], commands[:m, x : x + s] = k.D @ C, k.C
+        commands[:m, :x], commands[:m, x : x + s] = k.D @ p.C, k.C
         commands[m:, x + s :] = np.eye(m * waiting)
         A[x + s :] = commands[: m * waiting]
         for number, effect in ((int(late), rest), (waiting, F2 @ early)):
-            A[:x] += effect @ commands[m * number : m * (number + 1)]
+            A[:x] += effect * gains @ commands[m * number : m * (number + 1)]
         return A
 
     def loop_gain(self, where: str) -> control.StateSpace:
@@ -180,9 +155,9 @@ class SampledLoop:
         """
         import control  # takes a while to import
 
-        k, C = self.controller, self.measurement
-        F, G = self.flow(k.dt, np.ones(self.plant.ninputs))
-        sampled = control.StateSpace(F @ self.restart, G, C, self.plant.D, k.dt)
+        p, k = self.plant, self.controller
+        F, G = held_flow(p.A, p.B, k.dt)
+        sampled = control.StateSpace(F, G, p.C, p.D, k.dt)
         return -(k * sampled if where == "actuators" else sampled * k)
 
     def continuous_poles(self) -> npt.NDArray[np.complex128]:
@@ -195,63 +170,6 @@ class SampledLoop:
             np.log(moving.astype(complex)) / self.controller.dt
         )
         return np.concatenate([logs, np.linalg.eigvals(self.plant.A)])
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ServoLoop(SampledLoop):
-    r"""Sampled loop whose last commands are the feedforward of a local servo of the joints.
-
-    The measurement consists of 6 + J positions, 6 + J rates and the mean torques of the servo beyond the
-    feedforward, for J joints. The states of `flow` are those of the plant and the torques of the servo. In
-    each step of the servo
-
-    .. math:: \tau^+ = u_{ff} - k_p \theta - k_d \dot\theta
-
-    Attributes
-    ----------
-    servo : ServoDesign
-        Sample time and gains.
-    """
-
-    servo: ServoDesign
-
-    @property
-    def joints(self) -> int:
-        """Number of joints."""
-        return (self.plant.noutputs - 12) // 3
-
-    @property
-    def measurement(self) -> Vector:
-        """Matrix from the states of `flow` to the measurement."""
-        return np.pad(self.plant.C, ((0, 0), (0, self.joints)))
-
-    @property
-    def restart(self) -> Vector:
-        """Map of the states of `flow` after each measurement: a new mean begins."""
-        means = self.measurement[-self.joints :]
-        return np.eye(means.shape[1]) - means.T @ means
-
-    def flow(self, time: float, gains: Vector) -> tuple[Vector, Vector]:
-        """Return the map of plant and servo over a time with held commands, whole steps of the servo.
-
-        Parameters
-        ----------
-        time : float
-            Duration, at most one sample time [s].
-        gains : Vector, shape (commands,)
-            Gain of each actuator [-]; those of the joints are gains of the motors.
-        """
-        p, servo, J = self.plant, self.servo, self.joints
-        F, G = held_flow(p.A, p.B * gains, servo.sample_time)
-        angles, rates, means = p.C[6 : 6 + J], p.C[12 + J : 12 + 2 * J], p.C[-J:]
-        mean = servo.sample_time / self.controller.dt * means.T
-        feedback = servo.proportional_gain * angles + servo.derivative_gain * rates
-        A = np.block([[F, G[:, -J:] + mean], [-feedback, np.zeros((J, J))]])
-        B = np.block([[G[:, :-J], -mean], [np.zeros((J, p.ninputs - J)), np.eye(J)]])
-        flow, driven = np.eye(len(A)), np.zeros_like(B)
-        for _ in range(round(time / servo.sample_time)):
-            flow, driven = A @ flow, A @ driven + B
-        return flow, driven
 
 
 def spectral_radius(matrix: Vector) -> float:

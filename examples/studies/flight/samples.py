@@ -13,9 +13,6 @@ from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.truss.truss_modes import TrussModes
 from trussflow.models.truss.variations import loaded, misjudged, scaled
 
-SERVO_SENSOR = "actuators.servo.tachometer"
-"""Sensor with noise of the servo of the joints."""
-
 NOMINAL_SEED = -1
 """Seed of the nominal truss with the noise of seed 0."""
 
@@ -98,11 +95,10 @@ def sample_parameters(plant: TunableTruss, seed: int) -> dict[str, Any]:
 
 
 def noise_parameters(seed: int) -> dict[str, int]:
-    """Return the seeds of all sensors of the reference hardware for a run with a seed."""
-    names = [*(f"sensors.{name}" for name in SENSOR_UNITS), SERVO_SENSOR]
+    """Return the seeds of all sensors for a run with a seed."""
     return {
-        f"{name}.noise.seed": derived_seed(derived_seed(max(seed, 0), k), 0)
-        for k, name in enumerate(names)
+        f"sensors.{name}.noise.seed": derived_seed(derived_seed(max(seed, 0), k), 0)
+        for k, name in enumerate(SENSOR_UNITS)
     }
 
 

@@ -20,7 +20,7 @@ from flight.campaigns import (
 )
 from flight.limits import IMPERFECTIONS
 from flight.loops import LAWS, PAPER_LAWS, reference_hardware_of
-from flight.margins import VARIATIONS
+from flight.margins import BUCKLING_RATE, VARIATIONS, max_gain_ratio
 from flight.metrics import (
     GOALS,
     METRICS,
@@ -48,6 +48,7 @@ from flight.texts import (
     SAMPLES,
 )
 from trussflow.models.feasibility import survey
+from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.reporting.figures import Curve, Panel, drawing, save
 from trussflow.models.reporting.tables import markdown_table
@@ -221,9 +222,11 @@ def margins_section(found: xr.Dataset, ledger: Ledger) -> str:
         rows.append(cells)
     last = ["disk", "delay [ms]"]
     header = ["Case 1", *VARIATIONS, *last, "worst sample: nominal", *last]
+    ratio = max_gain_ratio(BUCKLING_RATE, 2 * MeanAxesDesign.shipped().sample_time)
     return MARGINS.format(
         table=markdown_table(header, rows),
         count=ledger("margins: samples", drawn.sizes["seed"]),
+        ratio=ledger("margins: largest ratio of gains", ratio, digits=2),
     )
 
 

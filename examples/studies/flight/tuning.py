@@ -20,7 +20,6 @@ from flight.sampled_loop import spectral_radius
 from flight.samples import run_parameters
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.sweeps.tuning import Tuned, tune
-from trussflow.models.hardware.hardware import Hardware
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.mean_axes.free_modes import FreeModes
 from trussflow.models.plant.tunable_truss import TunableTruss
@@ -106,8 +105,7 @@ def tuned_designs(
         are the values in the `RANGES` and the disk margin.
     """
     simulator, session = flight_simulator(), loop_session()
-    hardware = Hardware.flight()
-    plant = hardware.mounted(TunableTruss.accurate())
+    plant = TunableTruss.accurate()
     free = FreeModes.of(plant.dynamics, MeanAxesDesign.shipped().estimated_modes)
 
     def becoming(**values: Any) -> dict[str, Vector]:
@@ -121,10 +119,7 @@ def tuned_designs(
 
     def disk(values: Mapping[str, Any]) -> float:
         end = Mission.of_case(1).duration
-        start = {"at rest": 0.0}
-        _, loop = next(
-            loops_along(session, end, becoming(**values), start, hardware.servo)
-        )
+        _, loop = next(loops_along(session, end, becoming(**values), {"at rest": 0.0}))
         return min_disk(loop) if spectral_radius(loop.closed()) < 1.0 else 0.0
 
     found = tune(

@@ -1,12 +1,19 @@
-"""Actuator failures: parameters of the failed parts, and metrics of a run."""
+"""Actuator failures: parameters of the failed parts, brakes, and metrics of a run."""
 
 import json
 
 import campaign
 import numpy as np
 import pytest
-from flight.failures import failure_metrics, failure_parameters, with_failures
+from flight.failures import (
+    BRAKE_FREQUENCY,
+    failure_metrics,
+    failure_parameters,
+    with_failures,
+)
 from flight.loops import FLIGHT_LOG
+from numpy.testing import assert_allclose
+from systems import respond
 
 from trussflow.blocks import Simulator
 from trussflow.models import Hardware, SpaceTruss
@@ -15,13 +22,12 @@ from trussflow.models.transport import Mission, mean_axes_transport
 DYNAMICS = SpaceTruss.consistent().dynamics
 
 
-def loop():
+def loop(brakes=False):
     """Return the mean-axes loop of Case 1, with actuators that may fail."""
-    hardware = Hardware.flight(control="torque")
     diagram = mean_axes_transport(
-        Mission.of_case(1), SpaceTruss.consistent(), hardware=hardware, seed=1
+        Mission.of_case(1), SpaceTruss.consistent(), hardware=Hardware.flight(), seed=1
     )
-    return with_failures(diagram, DYNAMICS)
+    return with_failures(diagram, DYNAMICS, brakes=brakes)
 
 
 @pytest.mark.parametrize(
@@ -89,3 +95,19 @@ def test_an_isolation_before_the_failure_or_of_another_part_is_a_false_alarm(sim
             ]
             == 1
         )
+
+
+def test_brakes_hold_an_isolated_arm():
+    """Their torques return the arm to zero as a critically damped oscillator, and act on no other arm."""
+    brakes = loop(brakes=True).blocks["brakes"]
+    inertia = DYNAMICS.evaluate(DYNAMICS.rest).mass_matrix[6:34, 6:34]
+    limp = np.arange(28) // 7 == 1
+    left = np.append(np.ones(24), ~limp)
+    torques = respond(
+        brakes, angles=np.full(28, 0.01), rates=np.full(28, 0.02), effectiveness=left
+    )["torques"]
+    assert not torques[~limp].any()
+    expected = -(BRAKE_FREQUENCY**2 * 0.01 + 2 * BRAKE_FREQUENCY * 0.02)
+    assert_allclose(
+        np.linalg.solve(inertia[7:14, 7:14], torques[limp]), expected, rtol=1e-9
+    )
