@@ -202,7 +202,10 @@ def failure_tolerant_truss(case: int) -> TunableTruss:
     truss = TunableTruss.accurate()
     path = path_of(Mission.of_case(case), truss)
     best = best_attitude(
-        truss.dynamics, path, Hardware.flight(control="torque").limits(truss), normal=(1, 0, 0)
+        truss.dynamics,
+        path,
+        Hardware.flight(control="torque").limits(truss),
+        normal=(1, 0, 0),
     )
     return truss.turned(best.attitude)
 
