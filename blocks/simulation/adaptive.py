@@ -28,7 +28,7 @@ AUTOMATIC_START = "DOP853"
 SAFETY, MIN_FACTOR, MAX_FACTOR = 0.9, 0.2, 10.0
 """Factor of the predicted step, and bounds of its change [-]."""
 
-STIFF_STEPS, CALM_STEPS = 15, 6
+STIFF_STEPS, RESET_STEPS = 15, 6
 """Number of steps limited by stability after which equations are stiff, and of others that reset it [-]."""
 
 DIFFERENCE = float(np.sqrt(np.finfo(float).eps))
@@ -50,49 +50,52 @@ class Control(ctypes.Structure):
         Length of the next step; 0 if it is to be chosen [s].
     rtol, atol : float
         Tolerances [-, unit of the state].
-    brief : float
-        Length below which steps count as brief [s].
+    short_step : float
+        Length below which steps count as short [s].
     failed : float
         Time at which the derivative was not finite, NaN if it was [s].
     switched : float
         Time at which the automatic choice changed to the stiff method, NaN if it did not [s].
-    most : int
+    max_steps : int
         Largest number of steps of one call [-].
-    wanted, room, rows : int
+    due_rows, room, rows : int
         Number of times to log, of rows there is memory for, and of those written by a call [-].
-    steps, rejected, evaluations, factorizations, brief_steps : int
+    steps, rejected, evaluations, factorizations, short_steps : int
         Numbers of accepted and of rejected steps, of evaluations of the derivative, of factorizations,
-        and of the last brief steps [-].
+        and of the last short steps [-].
     method : int
         Index of the method.
     automatic : int
         Whether the choice of the method is automatic.
     begun, stepped : int
         Whether the span has begun, and whether rows of the last step are to be logged.
-    suspect, calm : int
+    limited_steps, other_steps : int
         Numbers of steps limited by stability, and of others since [-].
     """
 
     _fields_ = tuple(
         (name, kind)
         for kind, names in (
-            (ctypes.c_double, "t end h rtol atol brief failed switched"),
-            (ctypes.c_longlong, "most wanted room rows steps rejected evaluations"),
-            (ctypes.c_longlong, "factorizations brief_steps"),
-            (ctypes.c_int, "method automatic begun stepped suspect calm"),
+            (ctypes.c_double, "t end h rtol atol short_step failed switched"),
+            (
+                ctypes.c_longlong,
+                "max_steps due_rows room rows steps rejected evaluations",
+            ),
+            (ctypes.c_longlong, "factorizations short_steps"),
+            (ctypes.c_int, "method automatic begun stepped limited_steps other_steps"),
         )
         for name in names.split()
     )
 
     @classmethod
-    def of(cls, solver: str, rtol: float, atol: float, brief: float) -> Control:
+    def of(cls, solver: str, rtol: float, atol: float, short_step: float) -> Control:
         """Return the control of a run by a `solver` of `METHODS`; others as the attributes [-, unit, s]."""
         automatic = solver == "auto"
         method = AUTOMATIC_START if automatic else solver
         return cls(
             rtol=rtol,
             atol=atol,
-            brief=brief,
+            short_step=short_step,
             switched=np.nan,
             method=tableaus.METHODS.index(method),
             automatic=automatic,
@@ -174,7 +177,7 @@ class VariableSteps:
             if watch is not None:
                 x[:] = watch.begin(c.t, x)
             c.begun, c.stepped, c.h, self._slope = 1, 0, 0.0, None
-        left = c.most
+        left = c.max_steps
         while True:
             if not c.stepped:
                 if c.t >= c.end or left <= 0:
@@ -191,7 +194,7 @@ class VariableSteps:
                     found = watch.after_step(c.t, self._now, self._next, self._state)
                     if found is not None:
                         (self._now, self._arrived), self._event = found, True
-            while c.rows < c.wanted and times[c.rows] < self._now:
+            while c.rows < c.due_rows and times[c.rows] < self._now:
                 if c.rows == c.room:
                     return
                 t = float(times[c.rows])
@@ -301,7 +304,7 @@ class VariableSteps:
                 c.h = h * (min(factor, 1.0) if rejected else factor)
                 self._h = h
                 c.steps += 1
-                c.brief_steps = c.brief_steps + 1 if h < c.brief else 0
+                c.short_steps = c.short_steps + 1 if h < c.short_step else 0
                 return
             c.rejected += 1
             rejected = True
@@ -402,12 +405,12 @@ class VariableSteps:
         rate = self._k[used.stages] - self._k[used.stages - 1]
         above, below = np.sum(rate**2), np.sum((self._next - self._stage) ** 2)
         if below > 0.0 and self._h * np.sqrt(above / below) > used.limit:
-            c.calm, c.suspect = 0, c.suspect + 1
-        elif c.suspect:
-            c.calm += 1
-            if c.calm == CALM_STEPS:
-                c.suspect = 0
-        return bool(c.suspect == STIFF_STEPS)
+            c.other_steps, c.limited_steps = 0, c.limited_steps + 1
+        elif c.limited_steps:
+            c.other_steps += 1
+            if c.other_steps == RESET_STEPS:
+                c.limited_steps = 0
+        return bool(c.limited_steps == STIFF_STEPS)
 
     def _state(self, t: float) -> Vector:
         """Return the states at a time within the last step."""

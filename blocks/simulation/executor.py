@@ -219,8 +219,8 @@ class Executor:
     def _vary_without_states(self, span: VariableSpan) -> None:
         """Go from row to row: without states, events are checked at the output times."""
         control, x, d, p, times, rows = span
-        number = min(control.wanted, control.room)
-        ends = [*times[:number], *([control.end] if number == control.wanted else [])]
+        number = min(control.due_rows, control.room)
+        ends = [*times[:number], *([control.end] if number == control.due_rows else [])]
         control.rows = 0
         for k, t in enumerate(ends):
             self.between("euler", (control.t, t, t - control.t), x, d, p)

@@ -328,7 +328,7 @@ class Run:
             warn_of_coarse_steps(self)  # only now: a diverged log is the better message
             return result
         except BaseException as error:  # noqa: BLE001 - raised again with the log
-            return log.abandon(error, self.time, blocks.messages)
+            return log.abandon(error, self.time, blocks.messages, **self.statistics)
 
     def _resume(self, checkpoint: Snapshot) -> None:
         """Restore a checkpoint of the same run."""
@@ -563,12 +563,12 @@ class Run:
         width = log.width if log is not None else 0
         chunk = MIN_CHUNK
         while True:
-            control.wanted = len(times)
+            control.due_rows = len(times)
             control.room = min(len(times), max(1, CHUNK_NUMBERS // (1 + width)))
             rows = log.reserve(control.room) if log is not None else NO_ROWS
             # Steps that stay short are taken one by one, to find jumps of the derivative.
-            tested = control.brief_steps > MAX_SHORT_STEPS
-            control.most = 1 if tested else chunk
+            tested = control.short_steps > MAX_SHORT_STEPS
+            control.max_steps = 1 if tested else chunk
             before = control.t, self.x.copy() if tested else self.x
             taken = control.steps
             started = time.perf_counter()
@@ -589,7 +589,7 @@ class Run:
             if tested:
                 self._test_short_step(control, *before)
                 continue
-            control.brief_steps = min(control.brief_steps, MAX_SHORT_STEPS + 1)
+            control.short_steps = min(control.short_steps, MAX_SHORT_STEPS + 1)
             if control.steps - taken == chunk:
                 seconds = max(time.perf_counter() - started, 1e-9)
                 growth = min(MAX_CHUNK_GROWTH, CHUNK_SECONDS / seconds)
@@ -607,8 +607,8 @@ class Run:
             self.jumps += (jump := self._jump(t, x)) != ""
             if self.jumps == MIN_JUMPS:
                 raise self._crawling(control.t - t, jump)
-        if control.brief_steps in (0, MAX_SHORT_STEPS + TESTED_STEPS):
-            control.brief_steps = self.jumps = 0
+        if control.short_steps in (0, MAX_SHORT_STEPS + TESTED_STEPS):
+            control.short_steps = self.jumps = 0
 
     def _count(self, control: Control) -> None:
         """Add up the numbers of a `control`, and describe the method for the result."""
@@ -618,10 +618,14 @@ class Run:
             found[label] = found.get(label, 0) + getattr(control, name)
         method = TABLEAUS[control.method]
         if control.automatic:
+            switched = np.isfinite(control.switched)
             limit = "no step was limited by stability"
-            if np.isfinite(control.switched):
+            if switched:
                 limit = f"since t = {control.switched:.3g} s, as stability limited the steps of {AUTOMATIC_START}"
             method = f"{method}: {limit}"
+            # Each checkpoint starts anew; a part without a change does not undo the last change.
+            if not switched:
+                method = found.get("method", method)
         found["method"] = method
 
     def _jump(self, t: float, x: Vector) -> str:

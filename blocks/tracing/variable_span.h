@@ -36,7 +36,7 @@ static int tf_vary_between(const tf_model* m, tf_stepper* s, tf_variable* v, dou
 #endif
     c->begun = 1, c->stepped = 0, c->h = 0.0, v->has_slope = 0;
   }
-  for (long long left = c->most;;) {
+  for (long long left = c->max_steps;;) {
     if (!c->stepped) {
       double stop = c->end;
       if (c->t >= c->end || left-- <= 0) return TF_FINE;
@@ -64,7 +64,7 @@ static int tf_vary_between(const tf_model* m, tf_stepper* s, tf_variable* v, dou
 #endif
     }
 #if TF_OUTPUTS
-    while (c->rows < c->wanted && times[c->rows] < v->now) {
+    while (c->rows < c->due_rows && times[c->rows] < v->now) {
       double row = times[c->rows];
       if (c->rows == c->room) return TF_FINE;
       tf_interpolate(v, row, v->stage);

@@ -12,9 +12,9 @@ typedef struct {
 
 /* Settings and state of a run with variable steps. `Control` in adaptive.py has the same fields. */
 typedef struct {
-  double t, end, h, rtol, atol, brief, failed, switched;
-  long long most, wanted, room, rows, steps, rejected, evaluations, factorizations, brief_steps;
-  int method, automatic, begun, stepped, suspect, calm;
+  double t, end, h, rtol, atol, short_step, failed, switched;
+  long long max_steps, due_rows, room, rows, steps, rejected, evaluations, factorizations, short_steps;
+  int method, automatic, begun, stepped, limited_steps, other_steps;
 } tf_control;
 
 struct tf_variable {
@@ -34,18 +34,18 @@ struct tf_variable {
 typedef struct tf_variable tf_variable;
 
 static const tf_tableau tf_tableaus[] = {TF_METHODS};
+static const double tf_zeros[TF_X + 1];
 
 static double tf_larger(double a, double b) { return a > b ? a : b; }
 
-/* point = x + scale * sum of a[j] * k[j], j < count */
+/* point = x + scale * sum of a[j] * k[j], j < count; none of these is `point` */
 static void tf_combine(const double* x, double scale, const double* a, int count, double (*k)[TF_X + 1],
-                       double* point) {
-  double sum[TF_X + 1];
-  memset(sum, 0, sizeof sum);
+                       double* restrict point) {
+  memset(point, 0, TF_X * sizeof *point);
   for (int j = 0; j < count; ++j)
     if (a[j] != 0.0)
-      for (int i = 0; i < TF_X; ++i) sum[i] += a[j] * k[j][i];
-  for (int i = 0; i < TF_X; ++i) point[i] = x[i] + scale * sum[i];
+      for (int i = 0; i < TF_X; ++i) point[i] += a[j] * k[j][i];
+  for (int i = 0; i < TF_X; ++i) point[i] = x[i] + scale * point[i];
 }
 
 /* Compute the derivative; false if it is not finite. */
@@ -183,18 +183,18 @@ static int tf_solved(tf_variable* v, double shift, const double* k, const double
 static int tf_rosenbrock(tf_variable* v, double t, double h) {
   const tf_tableau* b = v->method;
   const double shift = 1.0 / (h * b->gamma), *by_time = v->jacobian + 2 * TF_FILL + TF_X;
-  double r[TF_X + 1], point[TF_X + 1];
+  double *r = v->next, *point = v->stage; /* not on the stack, which is small */
   if (!v->has_jacobian) tf_linearize(v, t), v->has_jacobian = 1;
   tf_factorize(v, shift);
   for (int i = 0; i < b->stages; ++i) {
-    memcpy(r, v->slope, sizeof r);
+    memcpy(r, v->slope, TF_X * sizeof *r);
     if (i) {
       tf_combine(v->x, 1.0, b->a + i * b->width, i, v->k, point);
       if (!tf_rate(v, t + b->c[i] * h, point, r)) return 0;
     }
     tf_combine(r, 1.0 / h, b->coupling + i * b->width, i, v->k, v->k[i]);
     for (int j = 0; j < TF_X; ++j) v->k[i][j] += b->slope[i] * h * by_time[j];
-    memcpy(r, v->k[i], sizeof r);
+    memcpy(r, v->k[i], TF_X * sizeof *r);
     tf_solve(v, v->k[i]);
     if (!i && !tf_solved(v, shift, v->k[i], r)) return 0;
   }
@@ -233,10 +233,10 @@ static int tf_stiff(tf_variable* v) {
     above += rate * rate, below += moved * moved;
   }
   if (below > 0.0 && v->h * sqrt(above / below) > b->limit)
-    c->calm = 0, ++c->suspect;
-  else if (c->suspect && ++c->calm == 6)
-    c->suspect = 0;
-  return c->suspect == 15;
+    c->other_steps = 0, ++c->limited_steps;
+  else if (c->limited_steps && ++c->other_steps == 6)
+    c->limited_steps = 0;
+  return c->limited_steps == 15;
 }
 
 /* Take one step from x, at most up to `stop`; false if there is none. */
@@ -279,7 +279,7 @@ static int tf_step(tf_variable* v, double stop) {
       c->h = h * (rejected && factor > 1.0 ? 1.0 : factor);
       v->h = h;
       ++c->steps;
-      c->brief_steps = h < c->brief ? c->brief_steps + 1 : 0;
+      c->short_steps = h < c->short_step ? c->short_steps + 1 : 0;
       return 1;
     }
     ++c->rejected, rejected = 1;
@@ -291,14 +291,11 @@ static int tf_step(tf_variable* v, double stop) {
 static void tf_make_dense(tf_variable* v) {
   const tf_tableau* b = v->method;
   const double t = v->control->t, h = v->h, scale = b->gamma != 0.0 ? 1.0 : h, *a = b->dense;
-  double zero[TF_X + 1];
   int row = 1;
-  memset(zero, 0, sizeof zero);
   for (int i = b->stages + 1; i < b->rows; ++i) {
-    tf_combine(v->x, h, b->a + i * b->width, i, v->k, zero);
-    tf_rate(v, t + b->c[i] * h, zero, v->k[i]);
+    tf_combine(v->x, h, b->a + i * b->width, i, v->k, v->stage);
+    tf_rate(v, t + b->c[i] * h, v->stage, v->k[i]);
   }
-  memset(zero, 0, sizeof zero);
   for (int i = 0; i < TF_X; ++i) v->dense[0][i] = v->next[i] - v->x[i];
   if (b->gamma == 0.0) {
     row = 3;
@@ -308,7 +305,7 @@ static void tf_make_dense(tf_variable* v) {
     }
   }
   for (int i = 0; i < b->dense_rows; ++i, a += b->dense_width)
-    tf_combine(zero, scale, a, b->dense_width, v->k, v->dense[row + i]);
+    tf_combine(tf_zeros, scale, a, b->dense_width, v->k, v->dense[row + i]);
   v->has_dense = row + b->dense_rows;
 }
 

@@ -1,5 +1,8 @@
 """Variable steps: orders, twins in C and Python, sparse Jacobian, automatic choice, statistics."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -15,9 +18,10 @@ from trussflow.blocks import (
     Output,
     Simulator,
     State,
+    StopWhen,
     simulate,
 )
-from trussflow.blocks.errors import SimulationError
+from trussflow.blocks.errors import DivergenceError, SimulationError
 from trussflow.blocks.simulation.adaptive import METHODS, Control, VariableSpan
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.solver import Solver
@@ -83,8 +87,8 @@ def end_by_equal_steps(solver, backend, number, until=2.0):
         for k in range(number):
             if k == number - 1:
                 times = np.array([until * (1.0 - 0.5 / number)])
-                control.wanted = control.room = 1
-            control.h, control.most = until / number, 1
+                control.due_rows = control.room = 1
+            control.h, control.max_steps = until / number, 1
             run.executor.vary(VariableSpan(control, run.x, run.d, run.p, times, rows))
         assert control.steps == number
         assert control.t == pytest.approx(until)
@@ -186,6 +190,34 @@ def test_automatic_choice_says_what_it_did():
     assert explicit.attrs["method"] == "DOP853"
 
 
+def test_method_of_a_run_with_checkpoints(tmp_path):
+    """The part after the last checkpoint is too short for another change of the method."""
+    diagram = diagram_of(stiff, [0.0, 1.0, 0.0])
+    result = simulate(
+        diagram,
+        1.0,
+        solver="auto",
+        stream_to=tmp_path / "run.nc",
+        checkpoint_every=0.999,
+    )
+    assert result.attrs["method"].startswith("Rodas5P: since t = 0.0")
+
+
+@pytest.mark.parametrize("end", ["event", "fault"])
+def test_runs_that_end_early_have_statistics(end):
+    rates = (lambda _, x: x) if end == "event" else (lambda _, x: x**2)
+    diagram = diagram_of(rates, [1.0])
+    if end == "event":
+        (diagram.block.y[0] - 2.0) >> diagram.add("stop", StopWhen())
+        result = simulate(diagram, 2.0, solver="RK45")
+    else:
+        with pytest.raises(DivergenceError) as raised:
+            simulate(diagram, 2.0, solver="RK45")
+        result = raised.value.result
+    assert result.attrs["method"] == "RK45"
+    assert result.attrs["evaluations"] > 6 * result.attrs["steps"] > 0
+
+
 def random_rates(rng, size):
     """Return linear rates with a random sparse matrix, and the matrix."""
     matrix = np.where(
@@ -246,6 +278,32 @@ def test_sparse_jacobian_is_exact():
     by_state = program.jacobian(1)(t, x, [], []).full()
     by_time = program.jacobian(0)(t, x, [], []).full()
     assert_allclose(found, np.hstack([by_state, by_time]), rtol=0, atol=ROUND_OFF)
+
+
+SMALL_STACK = """
+import threading
+from fractions import Fraction
+import numpy as np
+from trussflow.blocks import Diagram, Gain, Integrator, Simulator
+
+diagram = Diagram("d")
+x, gain = diagram.add(x=Integrator(np.ones(10_000)), gain=Gain(-1.0))
+x >> gain >> x
+simulator = Simulator(diagram, solver="Rodas5P", backend="compiled", log=["x.y"], log_step=0.5)
+with simulator.opened(1.0) as run:
+    threading.stack_size(192 * 1024)  # the states alone have 80 kB
+    thread = threading.Thread(target=run.advance, args=[Fraction(1)])
+    thread.start()
+    thread.join()
+    print(np.allclose(run.x, np.exp(-1.0)))
+"""
+
+
+def test_large_steps_need_a_small_stack():
+    """Threads have less of it than the main one, and a fault would end this process."""
+    command = [sys.executable, "-c", SMALL_STACK]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert run.stdout == "True\n", run.stderr[-2000:]
 
 
 def test_large_diffusion_needs_few_evaluations():
