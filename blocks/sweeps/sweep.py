@@ -64,6 +64,9 @@ INSTRUCTION_SECONDS = 1e-9
 START_SECONDS = 1.0
 """Wall time after which batches go to worker processes [s], whose start takes about as long."""
 
+MAX_FIRST_SECONDS = 0.1
+"""Largest estimated time of a run for which batches begin in this process [s]: no batch is interrupted."""
+
 UNKNOWN_WORKERS = 64
 """Assumed number of workers of an executor with an unknown number [-]."""
 
@@ -95,8 +98,8 @@ def sweep(
     """Run a diagram many times in parallel with varied values.
 
     If it saves time, fixed-step runs without events, algebraic loops, Python blocks or a time limit are
-    advanced in batches of 4 or 8 on each core, with the same numbers. Batches begin in this process, and go
-    to worker processes after a second.
+    advanced in batches of 4 or 8 on each core, with the same numbers. Short batches with reductions by name
+    begin in this process, and go to worker processes after a second.
 
     Parameters
     ----------
@@ -196,6 +199,7 @@ def sweep(
         "keep": code_of(kept.function),
     }
     count = len(next(iter(columns.values())))
+    begins_here = False
     step, side = simulator.prepared.step, _side_by_side(executor, workers)
     # A varied argument changes the structure, so there is no common code for a batch.
     if step is not None and time_limit is None and all("." in name for name in columns):
@@ -205,6 +209,13 @@ def sweep(
         enough = steps >= MIN_BATCHED_STEPS and 2 * count >= lanes() * side
         worth = enough and goes_in_lanes(simulator.prepared)
         runs.recipe = recipe = dataclasses.replace(recipe, lanes=worth)
+        run_seconds = INSTRUCTION_SECONDS * size * duration / float(step)
+        # Functions of the user may end or change a process; compiled batches cannot.
+        begins_here = (
+            executor == "processes"
+            and kept.outputs is not None
+            and run_seconds < MAX_FIRST_SECONDS
+        )
     explained = (
         f"cannot pickle '{identity['diagram']}' for workers: {{}}; check the attributes of its blocks and "
         "the variables of its functions"
@@ -228,8 +239,7 @@ def sweep(
         )
         name = simulator.prepared.plan.name
         common = pickled, columns, pieces, together.count if together else 1
-        if together and executor == "processes":
-            # Compiled batches cannot end this process, so it begins with them.
+        if together and begins_here:
             Dispatch(Serial(1), *common).run(name, 1, progress, START_SECONDS)
         with opened as pool:
             # Two tasks for each worker, so that the next one is there when one is done.

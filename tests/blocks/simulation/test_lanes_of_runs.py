@@ -1,5 +1,7 @@
 """Runs side by side, one in each lane of vectors: to the bit what each is alone, whatever the others do."""
 
+import os
+
 import campaign
 import numpy as np
 import pytest
@@ -262,6 +264,38 @@ def test_a_sweep_is_the_same_in_lanes(monkeypatch, executor):
     assert used.count(0) == 1
     if executor != "processes":
         assert sum(used) == 24
+
+
+@pytest.mark.parametrize(
+    ("keep", "instruction_seconds", "begins_here"),
+    [
+        ({"f.y": "final"}, 1e-9, True),
+        ({"f.y": "final"}, 1.0, False),  # a batch may take longer than workers to start
+        ({"pid": lambda _: os.getpid()}, 1e-9, False),
+    ],
+    ids=["short", "long", "function"],
+)
+def test_only_short_batches_without_functions_run_in_this_process(
+    monkeypatch, keep, instruction_seconds, begins_here
+):
+    used = []
+
+    class Counted(Lanes):
+        def run(self, *arguments):
+            used.append(0)
+            return super().run(*arguments)
+
+    monkeypatch.setattr(samples, "Lanes", Counted)
+    monkeypatch.setattr(*ALWAYS)
+    monkeypatch.setattr(
+        "trussflow.blocks.sweeps.sweep.INSTRUCTION_SECONDS", instruction_seconds
+    )
+    settings = {"vary": {"f.offset": np.linspace(0.1, 0.2, 24)}, "step": STEP}
+    found = sweep(functions(), 1.0, **settings, keep=keep, workers=1)
+    assert set(found["status"].values) == {"complete"}
+    assert bool(used) is begins_here
+    if "pid" in keep:
+        assert os.getpid() not in found["pid"].values
 
 
 def test_refused_values_and_logs_are_reported_as_alone(monkeypatch):
