@@ -312,9 +312,9 @@ def ended(plan: Plan, t: float, d: Vector) -> NoReturn:
     place = int(np.argmax(happens))
     path = next(e.path for e in plan.sides if place < e.stop - plan.sides.span.start)
     message = getattr(plan.system.blocks[path], "message", "")
-    raise RunStoppedError(
-        f"'{path}' ended the run at t = {t:.12g} s {message}".rstrip()
-    )
+    # A block of the user may have a parameter of that name.
+    text = message if isinstance(message, str) else ""
+    raise RunStoppedError(f"'{path}' ended the run at t = {t:.12g} s {text}".rstrip())
 
 
 def endless(t: float) -> NoReturn:

@@ -7,15 +7,19 @@ from systems import assert_near
 
 from trussflow.blocks import (
     Backlash,
+    Block,
     Constant,
     Diagram,
+    Event,
     Integrator,
     LimitedIntegrator,
+    Parameter,
     Pulse,
     Ramp,
     Relay,
     Session,
     Sine,
+    State,
     Step,
     StopWhen,
     Switch,
@@ -171,6 +175,28 @@ def test_signal_at_its_threshold_at_the_start_leaves_it(settings):
     )
     end = 1 - 1 / 12 - 1 / 48  # the integral of t^2 - t/2 from 1/2 to 1
     assert_near(run(d, 1.0, settings)["block.y"][-1], end, LOCATION_ERROR)
+
+
+class Empty(Block):
+    """A tank that ends the run when it is empty, with a parameter called as the text of `StopWhen`."""
+
+    message, level = Parameter(3.0), State(initial=1.0)
+    empty = Event("terminal")
+
+    def derivative(self, t, x, u, p):
+        return {"level": -p.message + 0.0 * x.level}
+
+    def indicators(self, t, x, u, p):
+        return {"empty": -x.level}
+
+
+@over_solvers
+def test_terminal_event_of_an_own_block(settings):
+    d = Diagram("d")
+    d.add(tank=Empty())
+    ended = run(d, 1.0, settings).attrs["ended"]
+    assert ended.startswith("'tank' ended the run at t = 0.33333333")
+    assert ended.endswith(" s")
 
 
 def test_session_reports_the_end():
