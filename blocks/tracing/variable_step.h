@@ -38,14 +38,20 @@ static const double tf_zeros[TF_X + 1];
 
 static double tf_larger(double a, double b) { return a > b ? a : b; }
 
-/* point = x + scale * sum of a[j] * k[j], j < count; none of these is `point` */
+#define TF_BLOCK (TF_X < 64 ? TF_X + 1 : 64)
+
+/* point = x + scale * sum of a[j] * k[j], j < count; in blocks of states, as the stack of a thread is small */
 static void tf_combine(const double* x, double scale, const double* a, int count, double (*k)[TF_X + 1],
-                       double* restrict point) {
-  memset(point, 0, TF_X * sizeof *point);
-  for (int j = 0; j < count; ++j)
-    if (a[j] != 0.0)
-      for (int i = 0; i < TF_X; ++i) point[i] += a[j] * k[j][i];
-  for (int i = 0; i < TF_X; ++i) point[i] = x[i] + scale * point[i];
+                       double* point) {
+  for (int begin = 0; begin < TF_X; begin += TF_BLOCK) {
+    const int size = TF_X - begin < TF_BLOCK ? TF_X - begin : TF_BLOCK;
+    double sum[TF_BLOCK];
+    memset(sum, 0, sizeof sum);
+    for (int j = 0; j < count; ++j)
+      if (a[j] != 0.0)
+        for (int i = 0; i < size; ++i) sum[i] += a[j] * k[j][begin + i];
+    for (int i = 0; i < size; ++i) point[begin + i] = x[begin + i] + scale * sum[i];
+  }
 }
 
 /* Compute the derivative; false if it is not finite. */
