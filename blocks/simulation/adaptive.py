@@ -53,7 +53,7 @@ class Control(ctypes.Structure):
     short_step : float
         Length below which steps count as short [s].
     failed : float
-        Time at which the derivative was not finite, NaN if it was [s].
+        Time at which the derivative was not finite, or an indicator not a number; NaN if there is none [s].
     switched : float
         Time at which the automatic choice changed to the stiff method, NaN if it did not [s].
     max_steps : int

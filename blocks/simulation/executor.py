@@ -524,7 +524,8 @@ class CompiledExecutor(Executor):
                     self.plan, t, self._bad[: x.size] if which == 1 else x, d
                 )
             case 3:
-                not_a_number(self.plan, self._bad[: self.plan.kinds.size], t, x, d, p)
+                at = control.failed if np.isfinite(control.failed) else t
+                not_a_number(self.plan, self._bad[: self.plan.kinds.size], at, x, d, p)
             case 4:
                 endless(t)
             case 5:

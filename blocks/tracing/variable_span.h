@@ -27,7 +27,7 @@ static int tf_vary_between(const tf_model* m, tf_stepper* s, tf_variable* v, dou
                            const double* p, const double* times, double* log, long long log_width) {
   tf_control* c = v->control;
   int fault = TF_FINE;
-  c->rows = 0;
+  c->rows = 0, c->failed = NAN;
   if (!c->begun) {
 #if TF_EVENTS
     s->count = 0;
@@ -55,11 +55,11 @@ static int tf_vary_between(const tf_model* m, tf_stepper* s, tf_variable* v, dou
       memcpy(s->steps.next, v->next, sizeof v->next);
       c->stepped = 1, v->event = 0;
 #if TF_EVENTS
-      if (!tf_indicate(m, s, v->now, s->steps.next, d, p)) return TF_BAD_INDICATOR;
+      if (!tf_indicate(m, s, v->now, s->steps.next, d, p)) return c->failed = v->now, TF_BAD_INDICATOR;
       v->event = tf_mark(m, s, v->now, d);
       if (v->event) {
         v->now = tf_locate(m, s, TF_DENSE, c->t, v->now, x, d, p);
-        if (!tf_indicate(m, s, v->now, s->steps.next, d, p)) return TF_BAD_INDICATOR;
+        if (!tf_indicate(m, s, v->now, s->steps.next, d, p)) return c->failed = v->now, TF_BAD_INDICATOR;
       }
 #endif
     }
