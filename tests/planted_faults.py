@@ -269,7 +269,7 @@ FAULTS = (
           "np.cross(turning @ modal_rates, translation @ modal_rates)"),
     Fault("models/robots/robot_arm.py", "tests/models/robots/test_robot_arm.py",
           "a sliding arm passes for a turning one",
-          '"base_mass", "sliding"}', '"base_mass"}'),
+          '"sliding", "drive_inertias"}', '"drive_inertias"}'),
     Fault("models/mean_axes/law.py", "tests/models/mean_axes/test_modal_damping.py",
           "sign of the damping of the modes",
           "-2 * p.modal_damping", "2 * p.modal_damping"),
