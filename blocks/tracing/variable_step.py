@@ -140,5 +140,6 @@ def definitions(jacobian: SparseJacobian | None) -> str:
 
 def _table(kind: str, name: str, values: Iterable[Any]) -> str:
     """Return the C definition of a constant array of a `kind`, with at least one element."""
-    elements = ", ".join(map(str, values)) or "0"
+    # Python's numbers: the text of NumPy's depends on its print options.
+    elements = ", ".join(map(str, np.asarray(values).tolist())) or "0"
     return f"static const {kind} {name}[] = {{{elements}}};"

@@ -28,6 +28,7 @@ from trussflow.blocks.simulation.solver import Solver
 from trussflow.blocks.tracing.kernels import repeated
 from trussflow.blocks.tracing.plan import Plan
 from trussflow.blocks.tracing.quantities import derivative
+from trussflow.blocks.tracing.variable_step import definitions
 
 ORDER_TOLERANCE = 0.1
 TIME_TOLERANCE = 1e-10  # of events [s]
@@ -337,3 +338,9 @@ def test_rows_of_a_small_memory(solver, monkeypatch):
 def test_solvers_of_scipy_name_their_replacement(name, instead):
     with pytest.raises(SimulationError, match=f"no solver '{name}' .* use '{instead}'"):
         Solver(solver=name)
+
+
+def test_coefficients_do_not_depend_on_print_options():
+    before = definitions(None)
+    with np.printoptions(legacy="1.13", precision=3):
+        assert definitions(None) == before

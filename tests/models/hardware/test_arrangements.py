@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from systems import assert_near
 
 from trussflow.blocks import Constant, Diagram, simulate
 from trussflow.models import (
@@ -39,7 +39,10 @@ def wired(truss):
 
 
 def test_any_arrangement_carries_hardware(random_system, arrangement):
-    """Without commands each keeps its place: all connected ports have equal units and sizes."""
+    """Without commands each keeps its place: all connected ports have equal units and sizes.
+
+    The noise of the servo's sensors moves the joints a little.
+    """
     truss = SpaceTruss(random_system(*arrangement, elastic_integrals=True))
     if not truss.robots:
         with pytest.raises(
@@ -48,8 +51,8 @@ def test_any_arrangement_carries_hardware(random_system, arrangement):
             wired(truss)
         return
     assert Hardware.flight().limits(truss).shape == (truss.actuators,)
-    result = simulate(wired(truss), 0.04, step=0.02, log=["truss.coordinates"])
-    assert_array_equal(result["truss.coordinates"][-1], truss.dynamics.rest)
+    result = simulate(wired(truss), 0.04, step=1e-3, log=["truss.coordinates"])
+    assert_near(result["truss.coordinates"][-1], truss.dynamics.rest, 1e-6)
 
 
 def test_drives_have_the_units_of_their_joints():

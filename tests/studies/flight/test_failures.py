@@ -25,7 +25,10 @@ DYNAMICS = SpaceTruss.consistent().dynamics
 def loop(brakes=False):
     """Return the mean-axes loop of Case 1, with actuators that may fail."""
     diagram = mean_axes_transport(
-        Mission.of_case(1), SpaceTruss.consistent(), hardware=Hardware.flight(), seed=1
+        Mission.of_case(1),
+        SpaceTruss.consistent(),
+        hardware=Hardware.flight(control="torque"),
+        seed=1,
     )
     return with_failures(diagram, DYNAMICS, brakes=brakes)
 
