@@ -12,7 +12,7 @@ import ctypes
 from collections.abc import Sequence
 from fractions import Fraction
 from functools import partial
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, NoReturn, Self
 
 import casadi as ca
 import numpy as np
@@ -481,17 +481,24 @@ class CompiledExecutor(Executor):
             return Progress(
                 steps, which, self._bad[: (x if which == "x" else d).size].copy()
             )
+        # An indicator is reported at the start of the step, the others at their own time.
+        begin = (span.first + steps) * float(span.tick)
+        t = begin if self._fault.value == 3 else float(self._bad[0])
         try:
-            if self._fault.value == 3:
-                t = (span.first + steps) * float(span.tick)
-                not_a_number(self.plan, self._bad[: self.plan.kinds.size], t, x, d, p)
-            if self._fault.value == 5:
-                self.plan.loops.blame(float(self._bad[0]), x, d, p)
-            if self._fault.value == 7:
-                ended(self.plan, float(self._bad[0]), d)
-            endless(float(self._bad[0]))
+            self._refuse(t, x, d, p)
         except (SimulationError, DivergenceError, RunEndedError) as error:
             return Progress(steps, "x", error=error)
+
+    def _refuse(self, t: float, x: Vector, d: Vector, p: Vector) -> NoReturn:
+        """Raise the error of an indicator, of an algebraic loop, or of events, at time `t` [s]."""
+        match self._fault.value:
+            case 3:
+                not_a_number(self.plan, self._bad[: self.plan.kinds.size], t, x, d, p)
+            case 5:
+                self.plan.loops.blame(t, x, d, p)
+            case 7:
+                ended(self.plan, t, d)
+        endless(t)
 
     def vary(self, span: VariableSpan) -> None:
         """Advance by variable steps as a `span` says, in place."""
@@ -523,19 +530,14 @@ class CompiledExecutor(Executor):
                 refuse_not_finite(
                     self.plan, t, self._bad[: x.size] if which == 1 else x, d
                 )
-            case 3:
-                at = control.failed if np.isfinite(control.failed) else t
-                not_a_number(self.plan, self._bad[: self.plan.kinds.size], at, x, d, p)
-            case 4:
-                endless(t)
-            case 5:
-                self.plan.loops.blame(t, x, d, p)
             case 6:
                 failed = self._bad[: x.size].copy()
                 known = np.isfinite(control.failed)
                 raise AdaptiveError(control.failed, failed if known else None)
-            case 7:
-                ended(self.plan, t, d)
+            case 3 if np.isfinite(control.failed):
+                self._refuse(control.failed, x, d, p)
+            case 3 | 4 | 5 | 7:
+                self._refuse(t, x, d, p)
 
 
 class _Address:

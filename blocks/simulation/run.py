@@ -93,6 +93,13 @@ SWITCH_ADVICE = (
 NO_ROWS = np.empty((0, 0))
 
 
+def _next_chunk(chunk: int, started: float) -> int:
+    """Return the number of steps to the next check, after so many since wall time `started` [-, s]."""
+    seconds = max(time.perf_counter() - started, 1e-9)
+    growth = min(MAX_CHUNK_GROWTH, CHUNK_SECONDS / seconds)
+    return max(MIN_CHUNK, int(chunk * growth))
+
+
 @dataclass(slots=True)
 class Run:
     """State of one run or session, and the only code that advances it.
@@ -428,9 +435,7 @@ class Run:
             self.k = end
             self.time = self._seconds(end)
             if started:
-                seconds = max(time.perf_counter() - started, 1e-9)
-                growth = min(MAX_CHUNK_GROWTH, CHUNK_SECONDS / seconds)
-                chunk = min(max(MIN_CHUNK, int(chunk * growth)), longest)
+                chunk = min(_next_chunk(chunk, started), longest)
             if self.bar is not None:
                 self.bar.update((end - k) * tick.numerator / tick.denominator)
 
@@ -591,9 +596,7 @@ class Run:
                 continue
             control.short_steps = min(control.short_steps, MAX_SHORT_STEPS + 1)
             if control.steps - taken == chunk:
-                seconds = max(time.perf_counter() - started, 1e-9)
-                growth = min(MAX_CHUNK_GROWTH, CHUNK_SECONDS / seconds)
-                chunk = max(MIN_CHUNK, int(chunk * growth))
+                chunk = _next_chunk(chunk, started)
 
     def _test_short_step(self, control: Control, t: float, x: Vector) -> None:
         """Test the last step, from time `t` [s] and states `x` [as declared], for a jump of a derivative.
