@@ -286,7 +286,7 @@ const Scene3d = (() => {
         this.redraw();
       };
       canvas.ondblclick = () => this.look(this.camera);
-      new ResizeObserver(() => this.redraw()).observe(this.element);
+      new ResizeObserver(() => this.draw()).observe(this.element); // at once, before the frame of the new size
     }
 
     redraw() { // once per frame of the screen
