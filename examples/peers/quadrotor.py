@@ -52,6 +52,7 @@ law = air.add(law=lqr(model, np.diag([10.0] * 3 + [1.0] * 10), np.eye(4)))
 )
 air.disconnect(four.thrust)
 hover.y + law.y >> four
+air.expose(position=body.position)
 start = {
     "body.r": [1.0, -0.5, 0.8],
     "body.q": [0.9, 0.3, -0.3, 0.1],
