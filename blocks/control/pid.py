@@ -110,9 +110,9 @@ class PIDLaw(Shaped):
 
     @property
     def _symbol(self) -> Symbol:
-        parts = {"kp": "{kp}", "ki": "{ki}/s", "kd": "{kd} s"}
+        parts = {"kp": "{kp}", "ki": "{ki}/s", "kd": "{kd}·s"}
         used = [parts[name] for name in parts if np.any(self.parameters[name])]
-        return Symbol(" + ".join(used) or "0", caption="{lower} to {upper}")
+        return Symbol(" + ".join(used) or "0", caption="limits {lower}, {upper}")
 
     def _gain(self, p: Signals) -> Array:
         """Return how fast the filter follows [1/s]."""

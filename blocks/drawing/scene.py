@@ -210,14 +210,15 @@ def shown_rows(
 
 def figure_of(block: Block, symbol: Symbol, sides: list[list[Row]]) -> Figure:
     """Return the figure of a `block` with this `symbol` and these rows on both `sides`, without pins."""
-    hidden = len(block.ports) - len({row.port.name for side in sides for row in side})
+    drawn = {row.port.name for side in sides for row in side}
+    unused = [name for name in block.ports if name not in drawn]
     wide = max(map(breadth, symbol.text.split("\n"))) > MAX_INNER_WIDTH
     if min(map(len, sides)) > 1 or (wide and max(map(len, sides)) > 1):
         # Between the names of ports, the text would make the block too wide.
         caption = f"{symbol.text}\n{symbol.caption}"
         symbol = replace(symbol, text="", caption=caption)
     captions = list(filter(None, symbol.caption.split("\n")))
-    captions += [f"{hidden} more ports"] * bool(hidden)
+    captions += [brief(f"unused: {', '.join(unused)}")] * bool(unused)
     # Port arithmetic makes names such as multiply_1.
     own = block.function.__name__ if isinstance(block, Operation) else "sum"
     made = isinstance(block, Sum | Operation) and re.fullmatch(

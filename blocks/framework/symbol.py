@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import ast
+import linecache
 import re
-from collections.abc import Sequence
+import textwrap
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +27,20 @@ WHOLE_NUMBERS = 1e4, 1e6
 NO_LIMIT = 1e100
 """Magnitude from which numbers are drawn as infinite [any]."""
 
+MAX_EQUATION_LENGTH, MAX_EQUATIONS = 48, 10
+"""Largest number of letters of a line of equations, and of lines."""
+
+METHODS = {
+    "derivative": "{}′ = {}",
+    "update": "{}^(+) = {}",
+    "output": "{} = {}",
+    "indicators": "{} when 0 = {}",
+    "on_event": "then {}^(+) = {}",
+}
+"""Methods of a block with the form of their equations."""
+
+ARRAYS = {"array", "asarray", "stack", "concatenate"}
+"""Functions of NumPy of which only the argument is written."""
 
 FIELD = re.compile(r"\{(\w+):?(\w*)\}")
 """Pattern of a value in a symbol."""
@@ -128,9 +146,110 @@ def polynomial(coefficients: Sequence[float], variable: str) -> str:
     for power, value in zip(range(order, -1, -1), coefficients, strict=True):
         factor = {0: "", 1: variable}.get(power, f"{variable}^({power})")
         size = "" if abs(value) == 1 and factor else number(abs(value))
-        term = " ".join(filter(None, ("−" if value < 0 else "+", size, factor)))
-        text += f"{term} " if value else ""
+        term = "·".join(filter(None, (size, factor)))
+        text += f"{'−' if value < 0 else '+'} {term} " if value else ""
     text = text.removeprefix("+ ").strip() or "0"
     return (
         text if len(text) <= MAX_POLYNOMIAL_LENGTH else f"order {order} in {variable}"
     )
+
+
+def block_equations(block: Block) -> str:
+    """Return the equations of the first `METHODS` of a `block`, as long as they are short."""
+    lines = list[str]()
+    for name, form in METHODS.items():
+        found = equations(getattr(block, name), form)
+        if len(lines) + len(found) > MAX_EQUATIONS or (
+            block.states_own(name) and not found
+        ):
+            break
+        lines += found
+    return "\n".join(lines)
+
+
+def equations(function: Callable[..., Any], form: str = "") -> list[str]:
+    """Return the lines of a lambda, or of a function of assignments and a `return`.
+
+    Parameters
+    ----------
+    function : callable
+        The function.
+    form : str
+        Form of each value of a returned dict, with its key; by default the result is one line.
+
+    Returns
+    -------
+    list of str
+        The lines; empty if the function has another form, or its text is not known.
+    """
+    body = _body(function)
+    *steps, last = body or [ast.Pass()]
+    if not isinstance(last, ast.Return) or last.value is None:
+        return []
+    if not all(isinstance(step, ast.Assign) for step in steps):
+        return []
+    texts = [_written(step) for step in steps]
+    if not form:
+        texts.append(_written(last.value))
+    elif isinstance(last.value, ast.Dict):
+        pairs = zip(last.value.keys, last.value.values, strict=True)
+        texts += [
+            form.format(key.value, _written(value))
+            for key, value in pairs
+            if isinstance(key, ast.Constant)
+        ]
+    else:
+        return []
+    if re.search(r"\b_[a-z]", " ".join(texts)):  # a private function says nothing
+        return []
+    return [
+        line
+        for text in texts
+        for line in textwrap.wrap(
+            text, MAX_EQUATION_LENGTH, subsequent_indent="  ", break_long_words=False
+        )
+    ]
+
+
+def _body(function: Callable[..., Any]) -> list[ast.stmt]:
+    """Return the statements of a function; an empty list if its text is not known."""
+    code, found = getattr(function, "__code__", None), list[list[ast.stmt]]()
+    if code is None:
+        return []
+    try:
+        tree = _parsed("".join(linecache.getlines(code.co_filename)))
+    except SyntaxError:
+        return []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Lambda):
+            lines, body = [node.lineno], list[ast.stmt]([ast.Return(node.body)])
+        elif isinstance(node, ast.FunctionDef):
+            lines = [node.lineno, *(each.lineno for each in node.decorator_list)]
+            body = node.body[ast.get_docstring(node) is not None :]
+        else:
+            continue
+        if code.co_firstlineno in lines:
+            found.append(body)
+    return found[0] if len(found) == 1 else []
+
+
+_parsed = lru_cache(maxsize=8)(ast.parse)
+"""Syntax tree of the text of a file."""
+
+
+class _Arrays(ast.NodeTransformer):
+    """Writes the argument of a function of `ARRAYS` in place of the call."""
+
+    def visit_Call(self, node: ast.Call) -> ast.AST:
+        """Return the argument of a call that makes an array, otherwise the call."""
+        self.generic_visit(node)
+        named = isinstance(node.func, ast.Attribute) and node.func.attr in ARRAYS
+        return node.args[0] if named and len(node.args) == 1 else node
+
+
+def _written(node: ast.AST) -> str:
+    """Return an expression or assignment as text: ``2 * np.sin(x.angle)`` is ``2 sin(angle)``."""
+    text = ast.unparse(_Arrays().visit(node))
+    text = re.sub(r"\b(?:np|self|[xup])\.(?=[a-z_])", "", text)
+    text = re.sub(r"(\d)\.0\b", r"\1", text).replace("-", "−").replace(" * ", " ")
+    return re.sub(r" \*\* (\w+)", r"^(\1)", text)

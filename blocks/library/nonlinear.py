@@ -52,7 +52,7 @@ class Saturation(Limits):
     """
 
     y = Output(INFERRED, unit=INFERRED, frame=INFERRED, meaning="limited signal")
-    _symbol = Symbol(curve="M2 20h8L26 4h8", caption="{lower} to {upper}")
+    _symbol = Symbol(curve="M2 20h8L26 4h8", caption="limits {lower}, {upper}")
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the limited signal."""

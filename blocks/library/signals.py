@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import ast
 import inspect
-import linecache
-import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -16,7 +13,7 @@ from trussflow.blocks.errors import BlockError, ParameterError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.symbol import Symbol
+from trussflow.blocks.framework.symbol import MAX_EQUATIONS, Symbol, equations
 from trussflow.blocks.framework.units import Unit, check_declared
 from trussflow.blocks.support.call_site import call_site
 from trussflow.blocks.support.types import Array, Vector
@@ -26,7 +23,7 @@ ShapeLike = int | tuple[int, ...] | None
 """A size, a shape, or None for a shape inferred from the wires."""
 
 MAX_CALL_LENGTH = 36
-"""Largest number of letters of an expression or a call in a symbol."""
+"""Largest number of letters of a call in a symbol."""
 
 
 class Shaped(Block):
@@ -188,10 +185,12 @@ class WrappedFunction(Block):
     def _symbol(self) -> Symbol:
         name = getattr(self._function, "__name__", "f").replace("<lambda>", "f")
         call = f"{name}({', '.join(port.name for port in self.inputs())})"
-        for text in (_expression(self._function), call):
-            if 0 < len(text) <= MAX_CALL_LENGTH:
-                return Symbol(text)
-        return Symbol(f"{name[:MAX_CALL_LENGTH]}(…)")
+        lines = equations(self._function)
+        if 0 < len(lines) <= MAX_EQUATIONS:
+            return Symbol("\n".join(lines))
+        return Symbol(
+            call if len(call) <= MAX_CALL_LENGTH else f"{name[:MAX_CALL_LENGTH]}(…)"
+        )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the results of the function by output."""
@@ -221,31 +220,6 @@ def _described(function: Callable[..., Any]) -> str:
     return (
         name if code is None else f"{name} ({code.co_filename}:{code.co_firstlineno})"
     )
-
-
-def _expression(function: Callable[..., Any]) -> str:
-    """Return the expression of a lambda, or of a function of one line; empty if it has another form."""
-    code, found = getattr(function, "__code__", None), list[str]()
-    if code is None:
-        return ""
-    try:
-        tree = ast.parse("".join(linecache.getlines(code.co_filename)))
-    except SyntaxError:
-        return ""
-    for node in ast.walk(tree):
-        body: ast.expr | None = None
-        if isinstance(node, ast.Lambda):
-            lines, body = [node.lineno], node.body
-        elif isinstance(node, ast.FunctionDef):
-            lines = [node.lineno, *(each.lineno for each in node.decorator_list)]
-            rest = node.body[ast.get_docstring(node) is not None :]
-            if len(rest) == 1 and isinstance(rest[0], ast.Return):
-                body = rest[0].value
-        if body is not None and code.co_firstlineno in lines:
-            found.append(ast.unparse(body))
-    text = found[0] if len(found) == 1 else ""
-    text = text.replace("np.", "").replace("-", "−").replace(" * ", " ")
-    return re.sub(r" \*\* (\w+)", r"^(\1)", text)
 
 
 def structural(

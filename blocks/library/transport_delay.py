@@ -78,7 +78,7 @@ class TransportDelay(Block):
     z = State(("pade", "size"), meaning="states of the approximant")
     again = Event("time")
     initial_value = Parameter(shape="shape", meaning="y_0")
-    _symbol = Symbol("e^(−{delay} s)")
+    _symbol = Symbol("e^(−{delay}·s)")
 
     def __init__(
         self,

@@ -15,6 +15,7 @@ from trussflow.blocks import (
     Constant,
     Diagram,
     DisturbanceObserver,
+    Event,
     Function,
     Gain,
     Input,
@@ -22,8 +23,11 @@ from trussflow.blocks import (
     Operation,
     Output,
     Parameter,
+    Relay,
     Saturation,
+    State,
     StateSpace,
+    Step,
     Sum,
     Symbol,
     Table,
@@ -85,6 +89,39 @@ class Spring(Block):
     _symbol = Symbol("{stiffness} x^(<1>)", caption="soft & <linear>")
 
 
+class Ball(Block):
+    """A block whose equations are its symbol."""
+
+    height = Output()
+    z, v = State(initial=1.0), State()
+    bounce = Event("falling")
+
+    def output(self, t, x, u, p):
+        """Return the height."""
+        return {"height": x.z}
+
+    def derivative(self, t, x, u, p):
+        """Return the rates."""
+        return {"z": x.v, "v": np.array(-9.5)}
+
+    def indicators(self, t, x, u, p):
+        """Return the height."""
+        return {"bounce": x.z}
+
+    def on_event(self, t, x, u, p, fired):
+        """Go back."""
+        back = 0.5 * x.v**2
+        return {"v": back}
+
+
+class Private(Ball):
+    """A block with an equation that says nothing."""
+
+    def derivative(self, t, x, u, p):
+        """Return the rates."""
+        return {"z": self._rate(x), "v": -9.5}
+
+
 def long_law_of_many_inputs(stress, strain, time):
     total = stress + strain
     return total + time
@@ -100,13 +137,19 @@ def two_lines(u):
     return double + u
 
 
+def with_a_loop(u):
+    for _ in range(3):
+        u = u * u
+    return u
+
+
 @pytest.mark.parametrize(
     ("block", "texts"),
     [
         (Gain(-2.5e-6), ["−2.5·10−6"]),
         (Constant([1.0, -2.0], unit="m/s**2"), ["[1 −2] m/s²"]),
         (Integrator(3.0), ["1", "s", "from 3"]),
-        (TransferFunction([2.0], [1.0, 0.5, 4.0]), ["2", "s2 + 0.5 s + 4"]),
+        (TransferFunction([2.0], [1.0, 0.5, 4.0]), ["2", "s2 + 0.5·s + 4"]),
         (
             StateSpace([[0.0, 1.0], [-4.0, -0.2]], [0.0, 1.0], [1.0, 0.0]),
             ["ẋ = [0 1; −4 −0.2] x + [0 1] u", "y = [1 0] x + 0 u"],
@@ -115,9 +158,9 @@ def two_lines(u):
             StateSpace(np.diag(np.arange(1.0, 10.0)), np.ones(9), np.ones(9)),
             ["ẋ = A x + [1 1 1 1 1 1 1 1 1] u"],
         ),
-        (TransportDelay(0.25), ["e−0.25 s"]),
-        (Saturation(-1.0, 2.0), ["−1 to 2"]),
-        (PID(3.0, 2.0, 0.5), ["3 + 2/s + 0.5 s"]),
+        (TransportDelay(0.25), ["e−0.25·s"]),
+        (Saturation(-1.0, 2.0), ["limits −1, 2"]),
+        (PID(3.0, 2.0, 0.5), ["3 + 2/s + 0.5·s"]),
         (PID(3.0, -2.0), ["3 − 2/s"]),
         (PID(0.0), ["0"]),
         (Function(np.tanh), ["tanh(u)"]),
@@ -126,11 +169,12 @@ def two_lines(u):
                 long_law_of_many_inputs,
                 inputs={name: Input() for name in ("stress", "strain", "time")},
             ),
-            ["long_law_of_many_inputs(…)"],
+            ["total = stress + strain", "total + time"],
         ),
-        (Function(lambda u: -3.0 * u**2), ["−3.0 u2"]),
+        (Function(lambda u: -3.0 * u**2), ["−3 u2"]),
         (Function(one_line), ["u − sin(u)"]),
-        (Function(two_lines), ["two_lines(u)"]),
+        (Function(two_lines), ["double = 2 u", "double + u"]),
+        (Function(with_a_loop), ["with_a_loop(u)"]),
         (Function(eval("lambda u: u")), ["f(u)"]),
         (DisturbanceObserver(2.0), ["z + 2 v", "ż = −2 (z + 2 v + a)"]),
         (PD(3.0, 2.0), ["−3 e − 2 ė"]),
@@ -141,6 +185,16 @@ def two_lines(u):
         (Operation(np.arctan2), ["arctan2(u1, u2)"]),
         (Sum("+-"), ["+", "−"]),
         (Spring(), ["4 x<1>", "soft & <linear>"]),
+        (
+            Ball(),
+            [
+                *("z′ = v", "v′ = −9.5", "height = z", "bounce when 0 = z"),
+                *("back = 0.5 v2", "then v+ = back"),
+            ],
+        ),
+        (Private(), ["Private"]),
+        (Step(initial_value=1.0, final_value=0.0, unit="m"), ["1 to 0 m at 1 s"]),
+        (Relay(2.0, 1.0, on=-3.0), ["−3 above 2", "0 below 1"]),
     ],
 )
 def test_symbol_shows_the_equation(block, texts):
@@ -162,6 +216,20 @@ def test_curve_of_a_table_and_no_caption_without_limits():
     assert picture.draw().count('class="curve"') == 1
     assert not any("∞" in text for text in drawn(PID(1.0)))
     assert not any("from" in text for text in drawn(Integrator()))
+
+
+@pytest.mark.parametrize(
+    ("rising", "falling"), [(Step(), Step(final_value=-1.0)), (Relay(), Relay(on=-1.0))]
+)
+def test_curve_falls_with_its_values(rising, falling):
+    """The curves are mirror images, so their heights add up to 24 px."""
+    up, down = (
+        np.array(re.findall(r"(?<=[MV])[\d .]+", block._symbol.curve))
+        for block in (rising, falling)
+    )
+    heights = [[float(text.split()[-1]) for text in curve] for curve in (up, down)]
+    np.testing.assert_array_equal(np.add(*heights), 24.0)
+    assert heights[0][0] > heights[0][1]  # y points down
 
 
 def test_names_of_port_arithmetic_are_in_tooltips_only():
