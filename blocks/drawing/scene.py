@@ -20,7 +20,7 @@ from trussflow.blocks.framework.arithmetic import Operation, Sum
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
-from trussflow.blocks.framework.symbol import Symbol
+from trussflow.blocks.framework.symbol import Symbol, wrapped
 from trussflow.blocks.support.validation import shown
 
 LETTER_WIDTH = 6.7
@@ -218,7 +218,7 @@ def figure_of(block: Block, symbol: Symbol, sides: list[list[Row]]) -> Figure:
         caption = f"{symbol.text}\n{symbol.caption}"
         symbol = replace(symbol, text="", caption=caption)
     captions = list(filter(None, symbol.caption.split("\n")))
-    captions += [brief(f"unused: {', '.join(unused)}")] * bool(unused)
+    captions += wrapped(f"unused: {', '.join(unused)}").split("\n") * bool(unused)
     # Port arithmetic makes names such as multiply_1.
     own = block.function.__name__ if isinstance(block, Operation) else "sum"
     made = isinstance(block, Sum | Operation) and re.fullmatch(

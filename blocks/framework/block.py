@@ -51,7 +51,7 @@ from trussflow.blocks.framework.port import (
     Shape,
 )
 from trussflow.blocks.framework.signal_operators import Wired
-from trussflow.blocks.framework.symbol import Symbol, block_equations
+from trussflow.blocks.framework.symbol import Symbol, block_equations, wrapped
 from trussflow.blocks.framework.units import check_declared
 from trussflow.blocks.support.summary import Described, Description
 from trussflow.blocks.support.types import Vector
@@ -528,8 +528,9 @@ class Block(Wired, Equations, Described):
 
     @property
     def _symbol(self) -> Symbol:
-        text = block_equations(self)
-        return Symbol(text, caption="" if text else type(self).__name__)
+        text, kind = block_equations(self), type(self)
+        summary = (kind.__doc__ or kind.__name__).partition("\n")[0]
+        return Symbol(text, caption="" if text else wrapped(summary))
 
     @property
     def hides(self) -> bool:

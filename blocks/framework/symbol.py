@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import itertools
 import linecache
 import re
 import textwrap
@@ -158,12 +159,12 @@ def block_equations(block: Block) -> str:
     """Return the equations of the first `METHODS` of a `block`, as long as they are short."""
     lines = list[str]()
     for name, form in METHODS.items():
-        found = equations(getattr(block, name), form)
-        if len(lines) + len(found) > MAX_EQUATIONS or (
-            block.states_own(name) and not found
-        ):
-            break
-        lines += found
+        if block.states_own(name):
+            found = equations(getattr(block, name), form)
+            if not found or len(lines) + len(found) > MAX_EQUATIONS:
+                lines += ["…"] * bool(lines)
+                break
+            lines += found
     return "\n".join(lines)
 
 
@@ -202,13 +203,18 @@ def equations(function: Callable[..., Any], form: str = "") -> list[str]:
         return []
     if re.search(r"\b_[a-z]", " ".join(texts)):  # a private function says nothing
         return []
-    return [
-        line
-        for text in texts
-        for line in textwrap.wrap(
+    return wrapped(*texts).split("\n")
+
+
+def wrapped(*texts: str) -> str:
+    """Return `texts`, each in lines of moderate length."""
+    lines = (
+        textwrap.wrap(
             text, MAX_EQUATION_LENGTH, subsequent_indent="  ", break_long_words=False
         )
-    ]
+        for text in texts
+    )
+    return "\n".join(itertools.chain(*lines))
 
 
 def _body(function: Callable[..., Any]) -> list[ast.stmt]:
@@ -248,8 +254,8 @@ class _Arrays(ast.NodeTransformer):
 
 
 def _written(node: ast.AST) -> str:
-    """Return an expression or assignment as text: ``2 * np.sin(x.angle)`` is ``2 sin(angle)``."""
+    """Return an expression or assignment as text: ``2 * np.sin(x.angle)`` is ``2·sin(angle)``."""
     text = ast.unparse(_Arrays().visit(node))
     text = re.sub(r"\b(?:np|self|[xup])\.(?=[a-z_])", "", text)
-    text = re.sub(r"(\d)\.0\b", r"\1", text).replace("-", "−").replace(" * ", " ")
+    text = re.sub(r"(\d)\.0\b", r"\1", text).replace("-", "−").replace(" * ", "·")
     return re.sub(r" \*\* (\w+)", r"^(\1)", text)
