@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
-import contextlib
+import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from trussflow.blocks.results.channels import Channel
 from trussflow.blocks.results.dataset import dataset
-from trussflow.blocks.results.log import Log
-from trussflow.blocks.simulation.executor import CompiledExecutor, Progress
+from trussflow.blocks.simulation.executor import CompiledExecutor, Groups, Span
 from trussflow.blocks.simulation.prepared import Prepared
-from trussflow.blocks.simulation.run import Run
+from trussflow.blocks.simulation.run import MIN_CHUNK, next_chunk
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.support.types import Vector
-from trussflow.blocks.tracing.compiler import lanes
 
 if TYPE_CHECKING:
     import xarray as xr
+
+BATCH_NUMBERS = 500_000
+"""Largest number of logged numbers of a batch with more than one group [-]; 4 MB, which caches hold."""
+
+BAD_STATE, BAD_VALUE = 1, 2
+"""Faults of a step: states, or discrete values, that are not finite, as in ``events.h``."""
+
+Points = tuple[Vector, Vector, Vector]
+"""States, discrete values and parameters at the initial time, with a first axis of runs [as declared]."""
 
 
 def goes_in_lanes(prepared: Prepared) -> bool:
@@ -47,11 +53,8 @@ class Lanes:
     ----------
     simulator : Simulator
         Prepared diagram of the runs, accepted by `goes_in_lanes`.
-
-    Attributes
-    ----------
     count : int
-        Number of runs [-].
+        Number of lanes [-].
 
     Raises
     ------
@@ -59,204 +62,183 @@ class Lanes:
         If it cannot be compiled.
     """
 
-    def __init__(self, simulator: Simulator) -> None:
+    def __init__(self, simulator: Simulator, count: int) -> None:
         self._simulator = simulator
-        self.count = lanes()
+        self.count = count
         prepared = simulator.prepared
-        self._executor = CompiledExecutor(prepared.programs, prepared.plan, self.count)
+        self._executor = CompiledExecutor(prepared.programs, prepared.plan, count)
 
     def run(
-        self,
-        duration: float,
-        each: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]],
-        not_finite: str,
-    ) -> Iterator[LaneRun | None]:
-        """Run to the end, in groups of as many runs as there are lanes.
+        self, duration: float, points: Points, not_finite: str
+    ) -> Iterator[LaneRuns]:
+        """Run to the end, in batches of groups of as many runs as there are lanes.
 
         Parameters
         ----------
         duration, not_finite
             As for `Simulator.run` [s, -].
-        each : sequence of tuple of mapping
-            Parameters and initial states of the runs [as declared].
+        points : tuple of Vector
+            Where each run starts [as declared].
 
         Yields
         ------
-        LaneRun or None
-            Each run, with the numbers of `Simulator.run`, bit for bit; None for a run that failed or logged a
-            number that is not finite, which a run alone reports.
+        LaneRuns
+            Runs with the numbers of `Simulator.run`, bit for bit. Those that failed, or logged a number that is
+            not finite, are in none: a run alone reports the error.
         """
-        plan = self._simulator.prepared.plan
-        with self._simulator.opened(duration) as alone:
-            alone.executor = self._executor.fresh()  # threads share this object
-            for first in range(0, len(each), self.count):
-                group = each[first : first + self.count]
-                points: dict[int, Point] = {}
-                for lane, (parameters, initial) in enumerate(group):
-                    with contextlib.suppress(Exception):
-                        p = plan.parameters(parameters, alone.p)
-                        points[lane] = (*plan.initial(p, initial), p)
+        simulator, count = self._simulator, self.count
+        x, d, p = points
+        with simulator.opened(duration) as alone:
+            executor = self._executor.fresh()  # threads share this object
+            tick = alone.prepared.tick
+            steps, every = int(alone.end / tick), int(alone.log_step / tick)
+            times = alone.time_of(np.append(np.arange(0, steps, every), steps))
+            assert alone.log is not None
+            shape = times.size, alone.log.width, count
+            most = count * max(1, BATCH_NUMBERS // max(1, math.prod(shape)))
+            waiting = np.arange(len(x))
+            while waiting.size:
+                batch, waiting = waiting[:most], waiting[most:]
                 started = time.perf_counter()
-                log, good = _advanced(alone, points, self.count)
-                seconds = (time.perf_counter() - started) / len(group)
-                for lane in range(len(group)):
-                    if lane not in good:
-                        yield None
-                        continue
-                    run = LaneRun(
-                        self._simulator,
-                        duration,
-                        alone.log_step,
-                        points[lane],
-                        log,
-                        lane,
-                        seconds,
-                    )
-                    finite = not_finite == "ignore" or run.is_finite
-                    yield run if finite else None
+                # Lanes without a run repeat the last run.
+                places = np.pad(batch, (0, -batch.size % count), "edge")
+                groups = _groups(points, places.reshape(-1, count), shape)
+                _advance(executor, groups, alone.prepared, steps, every)
+                bad = _bad_lanes(groups, not_finite)
+                failed = groups.faults[:, np.newaxis] != 0
+                lanes = np.flatnonzero(~(bad | failed).ravel()[: batch.size])
+                seconds = (time.perf_counter() - started) / batch.size
+                yield LaneRuns(
+                    simulator,
+                    duration,
+                    alone.log_step,
+                    batch[lanes],
+                    (x[batch[lanes]], d[batch[lanes]], p[batch[lanes]]),
+                    times,
+                    np.moveaxis(groups.log, 0, 2),
+                    lanes,
+                    seconds,
+                )
+                # Runs that shared a group with a failed one begin again.
+                again = batch[(failed & ~bad).ravel()[: batch.size]]
+                waiting = np.concatenate([waiting, again])
 
 
-Point = tuple[Vector, Vector, Vector]
-"""Continuous states, discrete values and parameters at the initial time [as declared]."""
-
-
-def _advanced(
-    alone: Run, points: Mapping[int, Point], count: int
-) -> tuple[_LaneLog, set[int]]:
-    """Return the log of runs from `points`, by lane, and the lanes that reach the end of the run `alone`."""
-    log = _LaneLog(alone.prepared.channels, count)
-    if not points:
-        return log, set()
-    # Lanes without a run repeat the first run, so that their numbers stay finite.
-    filler = next(iter(points.values()))
-    columns = [points.get(lane, filler) for lane in range(count)]
-    x, d, p = (np.stack(arrays, axis=-1) for arrays in zip(*columns, strict=True))
-    together = _RunsTogether(
-        alone.prepared,
-        alone.executor,
+def _groups(points: Points, places: NDArray[np.intp], shape: tuple[int, ...]) -> Groups:
+    """Return the arrays of the runs at `places` [-] of `points`, with logs of a `shape` for each group."""
+    x, d, p = (np.ascontiguousarray(np.moveaxis(v[places], 1, 2)) for v in points)
+    number, _, lanes = x.shape
+    return Groups(
         x,
         d,
         p,
-        log=log,
-        log_step=alone.log_step,
-        origin=alone.origin,
-        good={*points},
+        np.empty((number, *shape)),
+        np.zeros(number, np.int32),
+        np.empty((number, max(x.shape[1], d.shape[1]), lanes)),
+        np.zeros(number, np.int64),
     )
-    try:
-        together.advance(alone.end)
-        together.finish()
-    except _AllFailedError:
-        return log, set()
-    return log, together.good
 
 
-class LaneRun(NamedTuple):
-    """Complete run in one lane.
+def _advance(
+    executor: CompiledExecutor,
+    groups: Groups,
+    prepared: Prepared,
+    steps: int,
+    every: int,
+) -> None:
+    """Take all `steps` [-] in place, and log `every` so many of them, and the last instant."""
+    chunk, k, row, size = MIN_CHUNK, 0, 0, 0
+    while k <= steps and not groups.faults.all():
+        started = time.perf_counter()
+        size = min(chunk, steps + 1 - k)
+        logged = np.zeros(size, dtype=np.uint8)
+        # -k % every is the distance to the next multiple of `every`.
+        logged[-k % every :: every] = 1
+        logged[steps - k :] = 1
+        due = prepared.schedule.due(k, size)
+        solver = prepared.solver.solver
+        span = Span(solver, prepared.tick, k, 0, size, due, logged)
+        groups.taken.fill(-1)
+        executor.advance_groups(span, groups._replace(log=groups.log[:, row:]))
+        row += np.count_nonzero(logged)
+        k += size
+        chunk = next_chunk(chunk, started)
+    # The last instant is logged before a step that no one needs, and that may fail.
+    useless = (groups.faults == BAD_STATE) & (groups.taken == size - 1) & (k > steps)
+    groups.faults[useless] = 0
+
+
+def _bad_lanes(groups: Groups, not_finite: str) -> NDArray[np.bool_]:
+    """Return the lanes of each group that failed, or logged numbers that are not finite."""
+    log = groups.log
+    bad = np.zeros((len(log), log.shape[-1]), dtype=bool)
+    with np.errstate(all="ignore"):
+        # The sum is finite only if all numbers are, and takes a third of the time of a test of each.
+        if not_finite != "ignore" and not np.isfinite(log.sum()):
+            bad = ~np.isfinite(log).all(axis=(1, 2))
+    sizes = {BAD_STATE: groups.x.shape[1], BAD_VALUE: groups.d.shape[1]}
+    for g in np.flatnonzero(groups.faults):
+        size = sizes.get(int(groups.faults[g]), 0)
+        # The log ends at the fault. An unknown cause is one of all lanes.
+        finite = np.isfinite(groups.bad[g, :size]).all(axis=0)
+        bad[g] = ~finite | finite.all()
+    return bad
+
+
+class LaneRuns(NamedTuple):
+    """Complete runs of a batch.
 
     Attributes
     ----------
     simulator : Simulator
-        Simulator of the run.
+        Simulator of the runs.
     duration : float
         Duration [s].
     log_step : Fraction
         Time between logged instants [s].
+    runs : array of int
+        Indices of the runs among all [-].
     start : tuple of Vector
-        States, discrete values and parameters at the initial time [as declared].
-    log : Log
-        Log of all lanes.
-    lane : int
-        Index of the lane [-].
+        Where they start [as declared].
+    times : Vector
+        Logged instants [s].
+    rows : Vector
+        Logged rows: axes of times, numbers in a row, groups and lanes [as declared].
+    lanes : array of int
+        Index of each run in the last two axes [-].
     wall_time : float
-        Wall time of the run [s].
+        Wall time of one run [s].
     """
 
     simulator: Simulator
     duration: float
     log_step: Fraction
-    start: Point
-    log: _LaneLog
-    lane: int
+    runs: NDArray[np.intp]
+    start: Points
+    times: Vector
+    rows: Vector
+    lanes: NDArray[np.intp]
     wall_time: float
 
-    @property
-    def rows(self) -> list[Vector]:
-        """Logged rows, in pieces [as declared]."""
-        return [piece[:, :, self.lane] for piece in self.log.pieces]
+    def reduced(
+        self, output: str, function: Callable[[Vector, Vector], Vector]
+    ) -> Vector:
+        """Return a `function` of the times [s] and values [as declared] of an output, of each run."""
+        channels = self.simulator.prepared.channels
+        channel = next(one for one in channels if one.name == output)
+        elements, rows = channel.port.elements(), self.rows[:, channel.columns]
+        if not np.array_equal(elements.ravel(), np.arange(rows.shape[1])):
+            rows = rows[:, elements.ravel()]
+        lanes = rows.shape[2:]
+        found = function(self.times, rows.reshape(-1, *elements.shape, *lanes))
+        return np.moveaxis(found.reshape(*elements.shape, -1)[..., self.lanes], -1, 0)
 
-    @property
-    def is_finite(self) -> bool:
-        """Whether all logged numbers are finite."""
-        return all(np.isfinite(rows).all() for rows in self.rows)
-
-    def signal(self, name: str) -> tuple[Vector, Vector]:
-        """Return the times [s] and the values [as declared] of a logged signal."""
-        channel = next(one for one in self.log.channels if one.name == name)
-        return np.concatenate(self.log.times), channel.values(*self.rows)
-
-    def dataset(self) -> xr.Dataset:
-        """Return the result, as `Simulator.run` does."""
+    def dataset(self, k: int) -> xr.Dataset:
+        """Return the result of run `k` of these, as `Simulator.run` does."""
+        x, d, p = (values[k] for values in self.start)
         _, attributes = self.simulator.identified(
-            self.duration, self.log_step, self.start
+            self.duration, self.log_step, (x, d, p)
         )
         attributes |= {"status": "complete", "wall_time": self.wall_time}
-        times = np.concatenate(self.log.times)
-        return dataset(self.log.channels, times, self.rows, attributes)
-
-
-class _AllFailedError(Exception):
-    """No run is left to be advanced."""
-
-
-class _LaneLog(Log):
-    """The log of several runs, whose rows have a last axis of lanes."""
-
-    def __init__(self, channels: Sequence[Channel], count: int) -> None:
-        super().__init__(channels, {})
-        self._shape = self.width, count
-        self.width *= count
-        self.times: list[Vector] = []
-        self.pieces: list[Vector] = []
-
-    def reserve(self, number: int) -> Vector:
-        self._rows = np.empty((number, *self._shape))
-        return self._rows
-
-    def keep(self, times: Vector | float, number: int = 1) -> None:
-        """Keep the first reserved rows."""
-        self.times.append(np.atleast_1d(times))
-        self.pieces.append(self._rows[:number])
-
-
-@dataclass(slots=True)
-class _RunsTogether(Run):
-    """Several runs as one whose arrays have a last axis of lanes; `good` are the lanes that go on."""
-
-    good: set[int] = field(default_factory=set)
-
-    def _failed(self, progress: Progress, k: int, is_logged: bool) -> None:
-        """Remove the failed runs; the others repeat the step from tick `k` [-]."""
-        if progress.bad is None:
-            assert progress.error is not None
-            raise progress.error
-        self._remove(progress.bad.reshape(-1, self.x.shape[-1]))
-        self.go_to(self.origin + k * self.prepared.tick)
-        # If a state failed, the sampled blocks of this tick have computed already.
-        self.sampled = k if progress.fault == "x" else None
-
-    def _remove(self, bad: Vector) -> None:
-        """Remove the runs with numbers in `bad` that are not finite."""
-        finite = np.isfinite(bad).all(axis=0)
-        self.good.difference_update(np.flatnonzero(~finite).tolist())
-        if not self.good:
-            raise _AllFailedError
-        for array in (self.x, self.d, self.p):  # a copy of a good lane stays finite
-            array[:, ~finite] = array[:, [np.argmax(finite)]]
-
-    def finish(self) -> None:
-        """Evaluate and log the instant of the end."""
-        if number := self.due():
-            updated = self.executor.instant(number, self.time, self.x, self.d, self.p)
-            self._remove(updated)
-            self.d[:] = updated
-        self._log_now(self.time)
+        rows = self.rows[:, :, *divmod(self.lanes[k], self.rows.shape[-1])]
+        return dataset(self.simulator.prepared.channels, self.times, [rows], attributes)

@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from math import lcm
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
@@ -93,7 +93,7 @@ SWITCH_ADVICE = (
 NO_ROWS = np.empty((0, 0))
 
 
-def _next_chunk(chunk: int, started: float) -> int:
+def next_chunk(chunk: int, started: float) -> int:
     """Return the number of steps to the next check, after so many since wall time `started` [-, s]."""
     seconds = max(time.perf_counter() - started, 1e-9)
     growth = min(MAX_CHUNK_GROWTH, CHUNK_SECONDS / seconds)
@@ -188,7 +188,7 @@ class Run:
         """Time reached [s]."""
         return self.origin + self.k * self.prepared.tick + self.beyond
 
-    def _seconds(self, k: Any) -> Any:
+    def time_of(self, k: Any) -> Any:
         """Return the time [s] of tick `k` [-], or of several."""
         tick = self.prepared.tick
         # Multiplied first, as in driver.c: tick 3 of 1/10 s
@@ -421,21 +421,17 @@ class Run:
             progress = self.executor.advance(span, self.x, self.d, self.p, rows)
             taken = np.flatnonzero(flags[: progress.steps])
             if log is not None and taken.size:
-                log.keep(self._seconds(k + taken), taken.size)
+                log.keep(self.time_of(k + taken), taken.size)
             if progress.fault:
                 self._failed(
                     progress,
                     k + progress.steps,
                     bool(logged[k - base + progress.steps]),
                 )
-                # Only `_RunsTogether` returns from there: it repeats
-                # the tick, in a new window.
-                stop = self.k
-                continue
             self.k = end
-            self.time = self._seconds(end)
+            self.time = self.time_of(end)
             if started:
-                chunk = min(_next_chunk(chunk, started), longest)
+                chunk = min(next_chunk(chunk, started), longest)
             if self.bar is not None:
                 self.bar.update((end - k) * tick.numerator / tick.denominator)
 
@@ -452,15 +448,15 @@ class Run:
         self.x[:] = state
         self.go_to(end)
 
-    def _failed(self, progress: Progress, k: int, is_logged: bool) -> None:
+    def _failed(self, progress: Progress, k: int, is_logged: bool) -> NoReturn:
         """Raise the error of the step from tick `k` [-], at which a row was reserved if it `is_logged`."""
-        self.time = self._seconds(k)
+        self.time = self.time_of(k)
         if progress.fault == "x" and is_logged and self.log is not None:
             self.log.keep(self.time)  # the row before the step is good
         if progress.bad is None:
             assert progress.error is not None
             raise progress.error
-        after = self._seconds(k + 1) if progress.fault == "x" else self.time
+        after = self.time_of(k + 1) if progress.fault == "x" else self.time
         raise self._divergence(progress.fault, progress.bad, after)
 
     def _divergence(self, fault: str, bad: Vector, after: float) -> DivergenceError:
@@ -596,7 +592,7 @@ class Run:
                 continue
             control.short_steps = min(control.short_steps, MAX_SHORT_STEPS + 1)
             if control.steps - taken == chunk:
-                chunk = _next_chunk(chunk, started)
+                chunk = next_chunk(chunk, started)
 
     def _test_short_step(self, control: Control, t: float, x: Vector) -> None:
         """Test the last step, from time `t` [s] and states `x` [as declared], for a jump of a derivative.

@@ -21,7 +21,7 @@ from trussflow.blocks.results.dataset import WRITE_ERRORS, cannot_write, save
 from trussflow.blocks.results.pieces import locked_folder, pieces_of, read_piece
 from trussflow.blocks.support.files import reading, replaced
 from trussflow.blocks.support.validation import as_path
-from trussflow.blocks.sweeps.samples import Sample
+from trussflow.blocks.sweeps.samples import Samples
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -64,7 +64,7 @@ class Pieces:
     ) -> None:
         self.path = path
         self._lock: IO[str] | None = None
-        self._waiting: list[Sample] = []
+        self._waiting: list[Samples] = []
         self._bytes, self._written = 0, time.monotonic()
         self._parts: list[xr.Dataset] = []
         self.finished, self.failed = np.zeros(count, bool), np.zeros(count, bool)
@@ -120,7 +120,7 @@ class Pieces:
                 found["status"] != "complete",
             )
 
-    def add(self, samples: Iterable[Sample]) -> None:
+    def add(self, samples: Iterable[Samples]) -> None:
         """Add finished samples.
 
         Raises
@@ -140,8 +140,8 @@ class Pieces:
             self._bytes += sum(value.nbytes for value in sample.values.values())
             # As yet in memory only: after a kill, the resumed sweep
             # runs the sample again.
-            self.finished[sample.number] = True
-            self.failed[sample.number] = sample.status != "complete"
+            self.finished[sample.numbers] = True
+            self.failed[sample.numbers] = sample.status != "complete"
         self.write(force=False)
 
     def write(self, *, force: bool) -> None:
@@ -203,14 +203,15 @@ class Pieces:
         return read_piece(piece, "the same call runs its samples again")
 
 
-def _piece(samples: Sequence[Sample]) -> xr.Dataset:
+def _piece(samples: Sequence[Samples]) -> xr.Dataset:
     """Return samples as a dataset; missing results are NaN."""
     import xarray as xr
 
-    numbers = [s.number for s in samples]
+    numbers = np.concatenate([s.numbers for s in samples])
+    counts = [len(s.numbers) for s in samples]
     varied = {}
     for name in samples[0].varied:
-        values = np.array([s.varied[name] for s in samples])
+        values = np.concatenate([s.varied[name] for s in samples])
         varied[name] = (
             ["sample", *(f"{name}_{k}" for k in range(values.ndim - 1))],
             values,
@@ -218,24 +219,22 @@ def _piece(samples: Sequence[Sample]) -> xr.Dataset:
     found = xr.Dataset(coords=varied | {"sample": numbers})
     for name in dict.fromkeys(name for s in samples for name in s.values):
         # A sample that failed has no values, so its entries become NaN.
-        there = {s.number: s.values[name] for s in samples if name in s.values}
-        first = next(iter(there.values()))
-        if all(
-            isinstance(value, np.ndarray) and value.shape == first.shape
-            for value in there.values()
-        ):
-            stacked = np.full((len(numbers), *first.shape), np.nan)
-            stacked[[number in there for number in numbers]] = [*there.values()]
-            axes = [f"{name}_{k}" for k in range(first.ndim)]
+        there = np.repeat([name in s.values for s in samples], counts)
+        each = [s.values[name] for s in samples if name in s.values]
+        shape = each[0].shape[1:]
+        if all(isinstance(v, np.ndarray) and v.shape[1:] == shape for v in each):
+            stacked = np.full((len(numbers), *shape), np.nan)
+            stacked[there] = np.concatenate(each)
+            axes = [f"{name}_{k}" for k in range(len(shape))]
             found[name] = ["sample", *axes], stacked
             found = found.assign_coords(
-                {axis: np.arange(n) for axis, n in zip(axes, first.shape, strict=True)}
+                {axis: np.arange(n) for axis, n in zip(axes, shape, strict=True)}
             )
             continue
         # Signals may have different lengths: the outer join fills the
         # shorter ones with NaN.
-        arrays = [_with_coordinates(name, value) for value in there.values()]
-        index = xr.DataArray(list(there), dims="sample", name="sample")
+        arrays = [_with_coordinates(name, value) for values in each for value in values]
+        index = xr.DataArray(numbers[there], dims="sample", name="sample")
         whole = xr.concat(
             arrays, index, join="outer", coords="minimal", compat="override"
         )
@@ -243,7 +242,8 @@ def _piece(samples: Sequence[Sample]) -> xr.Dataset:
             whole.reindex(sample=numbers), join="outer", compat="override"
         )
     for key in ("status", "message"):
-        found[key] = "sample", np.array([getattr(s, key) for s in samples], str)
+        words = np.array([getattr(s, key) for s in samples], str)
+        found[key] = "sample", np.repeat(words, counts)
     return found
 
 
@@ -251,8 +251,9 @@ def _with_coordinates(name: str, value: Any) -> xr.DataArray:
     """Return an array with coordinates on all axes, so that arrays of different lengths can be combined."""
     import xarray as xr
 
-    if isinstance(value, np.ndarray):
-        value = xr.DataArray(value, dims=[f"{name}_{k}" for k in range(value.ndim)])
+    if not isinstance(value, xr.DataArray):
+        dims = [f"{name}_{k}" for k in range(np.ndim(value))]
+        value = xr.DataArray(value, dims=dims)
     missing = {d: np.arange(n) for d, n in value.sizes.items() if d not in value.coords}
     named: xr.DataArray = value.assign_coords(missing).rename(name)
     return named

@@ -15,7 +15,7 @@ from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.support.progress import ProgressBar
 from trussflow.blocks.sweeps.chunk_store import PIECE_SECONDS, Pieces
 from trussflow.blocks.sweeps.executors import WorkerLostError
-from trussflow.blocks.sweeps.samples import HUNG_EXIT_CODE, Sample, run_samples
+from trussflow.blocks.sweeps.samples import HUNG_EXIT_CODE, one_sample, run_samples
 
 TASK_SECONDS = 0.2
 """Wall time of one task, if samples are short [s]."""
@@ -130,15 +130,13 @@ class Dispatch:
             numbers = [
                 self._fresh.popleft() for _ in range(min(size, len(self._fresh)))
             ]
-        task = [(n, self._values(n)) for n in numbers]
+        which = np.array(numbers)
+        columns = {name: values[which] for name, values in self._columns.items()}
         try:
-            future = self._pool.submit(run_samples, self._recipe, task)
+            future = self._pool.submit(run_samples, self._recipe, which, columns)
         except RuntimeError as error:  # the executor is broken or shut down
             raise self._broken(error) from error
         self._running[future] = numbers, again
-
-    def _values(self, number: int) -> dict[str, Any]:
-        return {name: values[number] for name, values in self._columns.items()}
 
     def _take(self, future: Future[Any]) -> None:
         """Store the results of a task."""
@@ -165,13 +163,14 @@ class Dispatch:
                     "timeout",
                     "it did not stop at its time limit, so its process was ended",
                 )
-            self._pieces.add(
-                [Sample(numbers[0], self._values(numbers[0]), status, message)]
-            )
+            varied = {
+                name: values[numbers[0]] for name, values in self._columns.items()
+            }
+            self._pieces.add([one_sample(numbers[0], varied, status, message)])
             return
         self._pieces.add(samples)
         self._seconds += seconds
-        self._timed += len(samples)
+        self._timed += len(numbers)
 
     def _broken(self, error: BaseException) -> SimulationError:
         kept = f"{self._pieces.finished.sum()} of {self.total} samples are finished"

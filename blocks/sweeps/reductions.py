@@ -13,7 +13,7 @@ import numpy as np
 
 from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.framework.port import Port
-from trussflow.blocks.simulation.lanes import LaneRun
+from trussflow.blocks.simulation.lanes import LaneRuns
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import shown
 
@@ -45,6 +45,8 @@ class Kept(NamedTuple):
 
 
 def _mean(times: Vector, values: Vector) -> Any:
+    # NumPy's sum depends on the memory layout: contiguous in time, as in the result of a run.
+    values = np.moveaxis(np.ascontiguousarray(np.moveaxis(values, 0, -1)), -1, 0)
     # Weighted by time: steps of an adaptive solver, and the last
     # one, have other lengths.
     return np.trapezoid(values, times, axis=0) / (times[-1] - times[0])
@@ -138,15 +140,8 @@ def _made(output: str, word: str, result: xr.Dataset) -> Any:
     )
 
 
-def reduced(result: xr.Dataset | LaneRun, kept: Kept) -> dict[str, Any]:
+def reduced(result: xr.Dataset, kept: Kept) -> dict[str, Any]:
     """Return the values that are `kept` of a `result` by name: numbers, arrays and signals."""
-    if isinstance(result, LaneRun):
-        if kept.words is not None:
-            return {
-                name: np.asarray(REDUCTIONS[word](*result.signal(output)), dtype=float)
-                for name, (output, word) in kept.words.items()
-            }
-        result = result.dataset()
     import xarray as xr
 
     return {
@@ -154,6 +149,16 @@ def reduced(result: xr.Dataset | LaneRun, kept: Kept) -> dict[str, Any]:
         if isinstance(value, xr.DataArray) and value.ndim
         else np.asarray(value, dtype=float)
         for name, value in kept.function(result).items()
+    }
+
+
+def reduced_together(
+    runs: LaneRuns, words: Mapping[str, tuple[str, str]]
+) -> dict[str, Vector]:
+    """Return the reductions `words`, as in `Kept`, of each of several `runs` by name."""
+    return {
+        name: runs.reduced(output, REDUCTIONS[word])
+        for name, (output, word) in words.items()
     }
 
 

@@ -13,7 +13,7 @@ import pickle
 import re
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -21,14 +21,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trussflow.blocks.errors import NameLookupError, SimulationError, TrussflowError
+from trussflow.blocks.framework.block import Block
+from trussflow.blocks.framework.declarations import VIOLATED
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.layout import Entry
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.results.log import status_of
-from trussflow.blocks.simulation.lanes import LaneRun, Lanes
+from trussflow.blocks.simulation.lanes import LaneRuns, Lanes, Points
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.support.types import Vector
-from trussflow.blocks.sweeps.reductions import Kept, reduced
+from trussflow.blocks.sweeps.reductions import Kept, reduced, reduced_together
 from trussflow.blocks.tracing.compile_cache import CompilationError
 from trussflow.blocks.tracing.plan import Plan
 
@@ -49,23 +51,23 @@ MAX_CACHED_SIMULATORS = 8
 
 
 @dataclass(slots=True)
-class Sample:
-    """Result of one sample.
+class Samples:
+    """Results of one sample, or of several that completed; all arrays have a first axis of samples.
 
     Attributes
     ----------
-    number : int
-        Index of the sample [-].
-    varied : dict
-        Varied values, read back from the run [as declared].
+    numbers : array of int
+        Indices of the samples [-].
+    varied : dict of array
+        Varied values, read back from the runs [as declared].
     status, message : str
-        Status of the run, and its error message.
-    values : dict
+        Status of the runs, and their error message.
+    values : dict of array
         Reduced results by name.
     """
 
-    number: int
-    varied: dict[str, Any]
+    numbers: NDArray[np.intp]
+    varied: dict[str, NDArray[Any]]
     status: str = "complete"
     message: str = ""
     values: dict[str, Any] = field(default_factory=dict)
@@ -89,8 +91,8 @@ class Recipe:
         Reduction of each result.
     time_limit : float or None
         Wall time limit of each sample [s].
-    lanes : bool
-        Whether the speed of batched runs justifies the time to compile their code.
+    lanes : int
+        Number of lanes of batched runs [-]; 0 if each run goes alone.
     """
 
     model: Model
@@ -99,7 +101,7 @@ class Recipe:
     not_finite: str = "stop"
     keep: Kept | None = None
     time_limit: float | None = None
-    lanes: bool = False
+    lanes: int = 0
 
 
 class Runs:
@@ -142,33 +144,61 @@ class Runs:
         if not self.recipe.lanes:
             return None
         with contextlib.suppress(CompilationError):
-            return Lanes(self.simulator({}))
+            return Lanes(self.simulator({}), self.recipe.lanes)
         return None
 
     def together(
-        self, samples: Sequence[tuple[int, dict[str, Any]]]
-    ) -> Iterator[Sample]:
-        """Yield the results of `samples`, which are indices and values [as declared]."""
+        self, numbers: NDArray[np.intp], columns: Mapping[str, NDArray[Any]]
+    ) -> Iterator[Samples]:
+        """Yield the results of the samples with these `numbers` and varied values [as declared]."""
         with self._building:  # threads share the code
             lanes = self.lanes
+        alone = np.ones(len(numbers), dtype=bool)
         # fewer samples are faster one by one
-        if lanes is None or 2 * len(samples) < lanes.count:
-            for number, values in samples:
-                yield self.sample(number, values)
-            return
-        plan, recipe = self.simulator({}).prepared.plan, self.recipe
-        good, alone = [], []
-        for number, values in samples:
-            try:
-                good.append((number, values, self.overrides(plan, values)))
-            except Exception:  # noqa: BLE001 - the run of this sample alone reports the error
-                alone.append((number, values))
-        runs = lanes.run(recipe.duration, [one[2] for one in good], recipe.not_finite)
-        for (number, values, _), run in zip(good, runs, strict=True):
-            # None for a failed run, which `sample` repeats alone for its error.
-            yield self.sample(number, values, run)
-        for number, values in alone:
-            yield self.sample(number, values)
+        if lanes is not None and 2 * len(numbers) >= lanes.count:
+            points, good = self._points(len(numbers), columns)
+            among = np.flatnonzero(good)
+            points = tuple(array[good] for array in points)
+            recipe = self.recipe
+            for runs in lanes.run(recipe.duration, points, recipe.not_finite):
+                chosen = among[runs.runs]
+                alone[chosen] = False
+                if recipe.keep is not None and recipe.keep.words is not None:
+                    varied = self._varied(runs, columns)
+                    kept = reduced_together(runs, recipe.keep.words)
+                    yield Samples(numbers[chosen], varied, values=kept)
+                    continue
+                for k, i in enumerate(chosen):
+                    result = functools.partial(runs.dataset, k)
+                    yield self.sample(*_row(numbers, columns, i), result)
+        # These report the errors of values that are not allowed, and of runs that failed.
+        for i in np.flatnonzero(alone):
+            yield self.sample(*_row(numbers, columns, i))
+
+    def _points(
+        self, count: int, columns: Mapping[str, NDArray[Any]]
+    ) -> tuple[Points, NDArray[np.bool_]]:
+        """Return where `count` runs [-] with these varied values start, and whether each can."""
+        plan = self.simulator({}).prepared.plan
+        default = plan.parameters(None)
+        x, d, p = points = tuple(
+            np.repeat(v[np.newaxis], count, axis=0)
+            for v in (*plan.initial(default, None), default)
+        )
+        varied = [(self._place(plan, n), values) for n, values in columns.items()]
+        varied.sort(key=lambda one: one[0].order)
+        if _are_plain(plan, varied):
+            return points, _put(plan, points, varied)
+        good = np.zeros(count, dtype=bool)
+        for i in range(count):
+            with contextlib.suppress(Exception):
+                parameters, initial = self.overrides(
+                    plan, {name: values[i] for name, values in columns.items()}
+                )
+                p[i] = plan.parameters(parameters, default)
+                x[i], d[i] = plan.initial(p[i], initial)
+                good[i] = True
+        return points, good
 
     def check(self, values: Mapping[str, NDArray[Any]]) -> Simulator:
         """Return the simulator of a sample, after a check of the varied names and shapes.
@@ -223,8 +253,7 @@ class Runs:
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the parameters and initial states of a run in a `plan` with `values` [as declared]."""
         places = [(self._place(plan, n), v) for n, v in values.items() if "." in n]
-        # Parameters first, as initial states may depend on them; whole arrays before their elements.
-        places.sort(key=lambda one: (not one[0].is_parameter, bool(one[0].element)))
+        places.sort(key=lambda one: one[0].order)
         parameters, initial = dict[str, Any](), dict[str, Any]()
         for place, value in places:
             own = parameters if place.is_parameter else initial
@@ -257,43 +286,45 @@ class Runs:
         )
 
     def sample(
-        self, number: int, values: dict[str, Any], lane: LaneRun | None = None
-    ) -> Sample:
-        """Return sample `number` [-], run with `values` [as declared], or from its `lane`."""
+        self,
+        number: int,
+        values: dict[str, Any],
+        result_of: Callable[[], xr.Dataset] | None = None,
+    ) -> Samples:
+        """Return sample `number` [-], run with `values` [as declared], or reduced from a result."""
+        varied, status, message, kept = dict(values), "complete", "", dict[str, Any]()
         try:
             self.simulator(values)  # built before the time limit of the sample starts
             with _watched(self.recipe.time_limit):
-                result = self.run(values) if lane is None else lane
-                found = Sample(number, self._read_back(result, values))
-                found.values = (
-                    reduced(result, self.recipe.keep)
-                    if self.recipe.keep is not None
-                    else {}
-                )
+                result = self.run(values) if result_of is None else result_of()
+                varied = self._read_back(result, values)
+                if self.recipe.keep is not None:
+                    kept = reduced(result, self.recipe.keep)
         except (Exception, SystemExit) as error:  # noqa: BLE001 - a failed sample is a result
-            found = Sample(number, dict(values), status_of(error))
+            varied, status, kept = dict(values), status_of(error), {}
             logged: Any = getattr(error, "result", None)
             try:
                 if logged is not None:
-                    found.varied = self._read_back(logged, values)
+                    varied = self._read_back(logged, values)
             except SimulationError as unused:
                 # The run did not use the values: that is worse than how it ended.
-                error, found.status = unused, "failed"
+                error, status = unused, "failed"
             kind = (
                 "" if isinstance(error, TrussflowError) else f"{type(error).__name__}: "
             )
-            found.message = f"{kind}{error}"
-        return found
+            message = f"{kind}{error}"
+        return one_sample(number, varied, status, message, kept)
+
+    def _varied(self, runs: LaneRuns, names: Iterable[str]) -> dict[str, NDArray[Any]]:
+        """Return the varied values that `runs` used, by the `names` of these values."""
+        plan = self.simulator({}).prepared.plan
+        return {name: self._place(plan, name).values_in(runs.start) for name in names}
 
     def _read_back(
-        self, result: xr.Dataset | LaneRun, values: Mapping[str, Any]
+        self, result: xr.Dataset, values: Mapping[str, Any]
     ) -> dict[str, Any]:
-        """Return the values that a run used, from its start or from the attributes of its result."""
+        """Return the values that a run used, from the attributes of its result."""
         plan = self.simulator(values).prepared.plan
-        if isinstance(result, LaneRun):
-            return {
-                name: self._place(plan, name).value_in(result.start) for name in values
-            }
         had = {
             kind: json.loads(result.attrs[kind])
             for kind in ("parameters", "initial_states")
@@ -312,6 +343,35 @@ class Runs:
         return {name: found[name] for name in values}
 
 
+def one_sample(
+    number: int,
+    varied: Mapping[str, Any],
+    status: str,
+    message: str,
+    values: Mapping[str, Any] | None = None,
+) -> Samples:
+    """Return the result of one sample from values without an axis of samples, as for `Samples`."""
+    return Samples(
+        np.array([number]),
+        {name: np.asarray(value)[np.newaxis] for name, value in varied.items()},
+        status,
+        message,
+        {
+            name: value.expand_dims("sample")
+            if hasattr(value, "expand_dims")
+            else value[np.newaxis]
+            for name, value in (values or {}).items()
+        },
+    )
+
+
+def _row(
+    numbers: NDArray[np.intp], columns: Mapping[str, NDArray[Any]], i: int
+) -> tuple[int, dict[str, Any]]:
+    """Return the number and the varied values of sample `i` of these."""
+    return int(numbers[i]), {name: values[i] for name, values in columns.items()}
+
+
 class _Place(NamedTuple):
     """Place of a varied value in a plan; an empty `element` selects the whole array.
 
@@ -328,6 +388,11 @@ class _Place(NamedTuple):
     def is_parameter(self) -> bool:
         """Whether it is in the vector of parameters."""
         return self.vector == PARAMETER_INDEX
+
+    @property
+    def order(self) -> tuple[bool, bool]:
+        """Parameters come first, as initial states may depend on them, and whole arrays before their elements."""
+        return not self.is_parameter, bool(self.element)
 
     @staticmethod
     def of(plan: Plan, name: str) -> _Place:
@@ -354,10 +419,64 @@ class _Place(NamedTuple):
         )
         return _Place(reference, element, vector, entry, shape)
 
-    def value_in(self, start: tuple[Vector, Vector, Vector]) -> Any:
-        """Return the value at the `start` of a run, x, d and p [as declared]."""
-        flat = start[self.vector][self.entry.start : self.entry.stop]
-        return np.reshape(flat, self.entry.shape)[self.element]
+    def values_in(self, points: Points) -> NDArray[Any]:
+        """Return a view of the values of all runs in `points` [as declared]."""
+        whole = points[self.vector][:, self.entry.start : self.entry.stop]
+        return whole.reshape(-1, *self.entry.shape)[:, *self.element]
+
+
+Varied = Sequence[tuple[_Place, NDArray[Any]]]
+"""Varied values of all samples [as declared], in the order of `_Place.order`."""
+
+
+def _are_plain(plan: Plan, varied: Varied) -> bool:
+    """Return whether only rules of `Parameter` and `State` are between varied values and initial states."""
+    blocks = plan.system.blocks
+    changed = {place.entry.path for place, _ in varied if place.is_parameter}
+    rules = "check_parameters", "parameter_value", "initial"
+    return (
+        all(values.dtype.kind in "biuf" for _, values in varied)
+        and not any(block.states_own("initial_state") for block in blocks.values())
+        and not any(
+            getattr(type(blocks[path]), rule) is not getattr(Block, rule)
+            for path in changed
+            for rule in rules
+        )
+        and all(start.shape == state.shape for state, start in _named(plan, changed))
+    )
+
+
+def _named(plan: Plan, paths: Set[str]) -> list[tuple[Entry, Entry]]:
+    """Return the states of the blocks at these `paths` that start at a parameter, and these parameters."""
+    found = []
+    for entry in (entry for layout in plan.stored for entry in layout):
+        start = plan.system.blocks[entry.path]._declared[entry.name].initial
+        if entry.path in paths and isinstance(start, str):
+            found.append((entry, plan.p.entries[entry.path, start]))
+    return found
+
+
+def _put(plan: Plan, points: Points, varied: Varied) -> NDArray[np.bool_]:
+    """Put varied values into `points` [as declared]; return the runs whose values are allowed."""
+    x, d, p = points
+    good = np.ones(len(p), dtype=bool)
+    parameters = [one for one in varied if one[0].is_parameter]
+    for place, values in parameters:
+        place.values_in(points)[...] = values
+    for state, start in _named(plan, {place.entry.path for place, _ in parameters}):
+        target = x if (state.path, state.name) in plan.x.entries else d
+        target[:, state.start : state.stop] = p[:, start.start : start.stop]
+    for place, values in varied[len(parameters) :]:
+        place.values_in(points)[...] = values
+    for place, _ in varied:
+        values = points[place.vector][:, place.entry.start : place.entry.stop]
+        bad = ~np.isfinite(values)
+        block = plan.system.blocks[place.entry.path]
+        if place.is_parameter:
+            for word, bound in block._declared[place.entry.name].bounds.items():
+                bad |= VIOLATED[word](values, bound)
+        good &= ~bad.any(axis=1)
+    return good
 
 
 def _states(plan: Plan, p: Vector) -> dict[str, Any]:
@@ -424,11 +543,11 @@ _deadlines: dict[int, float] = {}
 
 
 def run_samples(
-    recipe: bytes, samples: Sequence[tuple[int, dict[str, Any]]]
-) -> tuple[list[Sample], float]:
-    """Return the results of `samples`, indices and values, by a pickled `recipe`, and the time taken [s]."""
+    recipe: bytes, numbers: NDArray[np.intp], columns: Mapping[str, NDArray[Any]]
+) -> tuple[list[Samples], float]:
+    """Return the results of samples, as for `Runs.together`, by a pickled `recipe`, and the time taken [s]."""
     begun, runs = time.perf_counter(), runs_of(recipe)
-    found = [*runs.together(samples)]
+    found = [*runs.together(numbers, columns)]
     return found, time.perf_counter() - begun
 
 

@@ -208,7 +208,9 @@ def sweep(
         steps = repeats * count * (duration / float(step) + opening)
         enough = steps >= MIN_BATCHED_STEPS and 2 * count >= lanes() * side
         worth = enough and goes_in_lanes(simulator.prepared)
-        runs.recipe = recipe = dataclasses.replace(recipe, lanes=worth)
+        runs.recipe = recipe = dataclasses.replace(
+            recipe, lanes=lanes() if worth else 0
+        )
         run_seconds = INSTRUCTION_SECONDS * size * duration / float(step)
         # Functions of the user may end or change a process; compiled batches cannot.
         begins_here = (

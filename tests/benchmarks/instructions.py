@@ -20,14 +20,18 @@ from pathlib import Path
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
-from run import REPETITIONS, elapsed
+from run import REPETITIONS, elapsed, in_lanes
 from table import Row, show
 
 from trussflow.blocks import Diagram, Simulator
 from trussflow.blocks.simulation.executor import CompiledExecutor
-from trussflow.blocks.simulation.lanes import Lanes
 from trussflow.blocks.tracing.codegen import c_sources, content
-from trussflow.blocks.tracing.compiler import compile_library, compiled, find_compiler
+from trussflow.blocks.tracing.compiler import (
+    compile_library,
+    compiled,
+    find_compiler,
+    lanes,
+)
 from trussflow.models import SpaceTruss
 from trussflow.models.transport import Mission, transport_diagram
 
@@ -121,26 +125,22 @@ def cycle():
         return float(min(elapsed(run) for _ in range(REPETITIONS))) / ADDITIONS
 
 
-def rows_of(name, simulator, runs=None):
+def rows_of(name, simulator, count=1):
     """Return what one evaluation of the derivative takes, of one run or in all lanes: a quarter of a step."""
     prepared = simulator.prepared
     programs, plan = prepared.programs, prepared.plan
-    count = 1 if runs is None else runs.count
     library = compile_library(
         content(programs, count), partial(c_sources, programs, count), ()
     )
     p = plan.parameters({})
     values = [*plan.initial(p, {}), p]
-    if runs is not None:
+    if count > 1:
         values = [np.repeat(value[:, None], count, axis=1) for value in values]
 
     def seconds(steps):
-        def run():
-            if runs is None:
-                simulator.run(steps * STEP, progress=False)
-            else:
-                runs.run(steps * STEP, [({}, {})] * count, "stop")
-
+        run = partial(simulator.run, steps * STEP, progress=False)
+        if count > 1:
+            run, _ = in_lanes(simulator, steps * STEP)
         return float(min(elapsed(run) for _ in range(REPETITIONS)))
 
     # The difference of two runs: what begins a run takes as long as hundreds of its steps.
@@ -170,12 +170,12 @@ def main():
     plant.ground(truss.actuation)
     loop = transport_diagram(Mission.of_case(1), SpaceTruss.published())
     alone, flight = (Simulator(diagram, step=STEP, log=[]) for diagram in (plant, loop))
-    lanes = Lanes(flight)
+    count = lanes()
     show(
         [
             *rows_of("forward dynamics", alone),
             *rows_of("Case 1", flight),
-            *rows_of(f"Case 1, {lanes.count} runs in lanes", flight, lanes),
+            *rows_of(f"Case 1, {count} runs in lanes", flight, count),
         ]
     )
 

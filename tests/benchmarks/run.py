@@ -30,6 +30,7 @@ from table import Row, check, show
 
 from trussflow.blocks import Constant, Diagram, Linearizer, Noise, Simulator
 from trussflow.blocks.simulation.lanes import Lanes
+from trussflow.blocks.tracing.compiler import lanes
 from trussflow.models import Hardware, MeanAxesAllocation, MeanAxesDesign, SpaceTruss
 from trussflow.models.transport import Mission, transport_diagram
 
@@ -93,26 +94,31 @@ def forward_dynamics():
     return measure
 
 
+def in_lanes(simulator, duration):
+    """Return a function that runs the defaults once in each lane, and the number of lanes."""
+    plan, count = simulator.prepared.plan, lanes()
+    p = plan.parameters(None)
+    points = tuple(np.tile(v, (count, 1)) for v in (*plan.initial(p, None), p))
+    together = Lanes(simulator, count)
+    return lambda: [*together.run(duration, points, "stop")], count
+
+
 def closed_loop():
     """Measure Case 1 against the clock."""
     diagram = transport_diagram(Mission.of_case(1), SpaceTruss.published())
     log = ["controller.error", "truss.base_force", "truss.base_torque"]
     simulator = Simulator(diagram, step=1e-3, log=log, log_step=0.01)
-    together = Lanes(simulator)
-    each: list[tuple[dict[str, float], dict[str, float]]] = [({}, {})] * together.count
-    wall, lanes, _ = paired(
-        lambda: simulator.run(80.0, progress=False),
-        lambda: together.run(80.0, each, "stop"),
-        3,
-    )
-    name = f"the same, {together.count} samples at once on one core, of which each"
+    together, count = in_lanes(simulator, 80.0)
+    alone = partial(simulator.run, 80.0, progress=False)
+    wall, batch, _ = paired(alone, together, 3)
+    name = f"the same, {count} samples at once on one core, of which each"
     return [
         Row(
             "Case 1 closed loop, 80 s, RK4 at 1 ms",
             f"{80 / wall:.0f} x real time",
             ">= 20 x",
         ),
-        Row(name, f"{80 * together.count / lanes:.0f} x real time", ">= 40 x"),
+        Row(name, f"{80 * count / batch:.0f} x real time", ">= 40 x"),
     ]
 
 
@@ -149,15 +155,15 @@ def side_by_side():
     """Compare samples of a sweep that are advanced at once on one core with the same one by one."""
     diagram = loops.loop(loops.Chain(*loops.chain_matrices()), (40,))
     simulator = Simulator(diagram, step=loops.STEP, log_step=100 * loops.STEP)
-    lanes, duration = Lanes(simulator), STEPS / 10 * loops.STEP
-    each: list[tuple[dict[str, float], dict[str, float]]] = [({}, {})] * lanes.count
+    duration = STEPS / 10 * loops.STEP
+    together, count = in_lanes(simulator, duration)
 
     def alone():
-        for _ in each:
+        for _ in range(count):
             simulator.run(duration, progress=False)
 
     def measure():
-        a, b, ratio = paired(lambda: [*lanes.run(duration, each, "stop")], alone)
+        a, b, ratio = paired(together, alone)
         return [
             Row.of(
                 "80 states (job B), samples at once on one core / alone", a, b, ratio

@@ -22,6 +22,7 @@ from trussflow.blocks import (
 from trussflow.blocks.errors import SimulationError, TrussflowError
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.simulation.lanes import Lanes, goes_in_lanes
+from trussflow.blocks.tracing import compiler
 from trussflow.fmu import Fmu, export
 
 STEP, LENGTH = 0.05, 0.5
@@ -62,9 +63,11 @@ def in_lanes(seed, _folder):
     simulator = Simulator(diagram, step=STEP, backend="compiled", log=log)
     if not goes_in_lanes(simulator.prepared):
         raise SimulationError("the diagram does not go in lanes")
-    lanes = Lanes(simulator)
-    runs = lanes.run(LENGTH, [({}, {})] * lanes.count, "warn")
-    first, *others = (signals(run.dataset()) for run in runs)
+    plan, count = simulator.prepared.plan, compiler.lanes()
+    p = plan.parameters(None)
+    points = tuple(np.tile(v, (count, 1)) for v in (*plan.initial(p, None), p))
+    (runs,) = Lanes(simulator, count).run(LENGTH, points, "warn")
+    first, *others = (signals(runs.dataset(k)) for k in range(count))
     for other in others:
         assert_array_equal(other, first)
     return first
