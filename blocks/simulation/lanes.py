@@ -16,7 +16,9 @@ from trussflow.blocks.simulation.executor import CompiledExecutor, Groups, Span
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.run import MIN_CHUNK, next_chunk
 from trussflow.blocks.simulation.simulator import Simulator
+from trussflow.blocks.simulation.step_size_warnings import MIN_CHECKED_SIZE
 from trussflow.blocks.support.types import Vector
+from trussflow.blocks.tracing.compiler import lanes
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -31,19 +33,17 @@ Points = tuple[Vector, Vector, Vector]
 """States, discrete values and parameters at the initial time, with a first axis of runs [as declared]."""
 
 
-def goes_in_lanes(prepared: Prepared) -> bool:
-    """Return whether runs can be advanced in lanes: with fixed steps, and all equations compiled.
+def most_lanes(prepared: Prepared) -> int:
+    """Return the number of lanes of batched runs [-]; 0 if runs must go alone.
 
-    Runs differ in the times of their events and in the iterations of their loops, and Python blocks compute
-    one run at a time.
+    Batches need fixed steps, and all equations compiled: Python blocks compute one run at a time. Runs with
+    events or iterated loops have one lane, as they differ in the times of events and in iterations.
     """
     plan = prepared.plan
-    alone = bool(plan.python_blocks or plan.has_events or plan.guesses.size)
-    return (
-        prepared.solver.is_fixed
-        and prepared.traced.name == CompiledExecutor.name
-        and not alone
-    )
+    compiled = prepared.traced.name == CompiledExecutor.name
+    if not prepared.solver.is_fixed or not compiled or plan.python_blocks:
+        return 0
+    return 1 if plan.has_events or plan.guesses.size else lanes()
 
 
 class Lanes:
@@ -52,7 +52,7 @@ class Lanes:
     Parameters
     ----------
     simulator : Simulator
-        Prepared diagram of the runs, accepted by `goes_in_lanes`.
+        Prepared diagram of the runs, with `most_lanes`.
     count : int
         Number of lanes [-].
 
@@ -134,7 +134,7 @@ def _groups(points: Points, places: NDArray[np.intp], shape: tuple[int, ...]) ->
         p,
         np.empty((number, *shape)),
         np.zeros(number, np.int32),
-        np.empty((number, max(x.shape[1], d.shape[1]), lanes)),
+        np.empty((number, 1 + max(x.shape[1], d.shape[1]), lanes)),
         np.zeros(number, np.int64),
     )
 
@@ -164,7 +164,7 @@ def _advance(
         k += size
         chunk = next_chunk(chunk, started)
     # The last instant is logged before a step that no one needs, and that may fail.
-    useless = (groups.faults == BAD_STATE) & (groups.taken == size - 1) & (k > steps)
+    useless = (groups.faults != BAD_VALUE) & (groups.taken == size - 1) & (k > steps)
     groups.faults[useless] = 0
 
 
@@ -182,7 +182,8 @@ def _bad_lanes(groups: Groups, not_finite: str) -> NDArray[np.bool_]:
         # The log ends at the fault. An unknown cause is one of all lanes.
         finite = np.isfinite(groups.bad[g, :size]).all(axis=0)
         bad[g] = ~finite | finite.all()
-    return bad
+    # A run alone warns of such a state if the steps are too long.
+    return bad | (np.abs(groups.x) >= MIN_CHECKED_SIZE).any(axis=1)
 
 
 class LaneRuns(NamedTuple):
@@ -230,7 +231,8 @@ class LaneRuns(NamedTuple):
         if not np.array_equal(elements.ravel(), np.arange(rows.shape[1])):
             rows = rows[:, elements.ravel()]
         lanes = rows.shape[2:]
-        found = function(self.times, rows.reshape(-1, *elements.shape, *lanes))
+        with np.errstate(all="ignore"):  # rows of failed groups were never written
+            found = function(self.times, rows.reshape(-1, *elements.shape, *lanes))
         return np.moveaxis(found.reshape(*elements.shape, -1)[..., self.lanes], -1, 0)
 
     def dataset(self, k: int) -> xr.Dataset:

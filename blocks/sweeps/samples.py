@@ -140,7 +140,7 @@ class Runs:
 
     @functools.cached_property
     def lanes(self) -> Lanes | None:
-        """Executor of batched runs, if they are possible and worth compiling."""
+        """Executor of batched runs, if they are possible."""
         if not self.recipe.lanes:
             return None
         with contextlib.suppress(CompilationError):
@@ -188,16 +188,21 @@ class Runs:
         varied = [(self._place(plan, n), values) for n, values in columns.items()]
         varied.sort(key=lambda one: one[0].order)
         if _are_plain(plan, varied):
-            return points, _put(plan, points, varied)
-        good = np.zeros(count, dtype=bool)
-        for i in range(count):
-            with contextlib.suppress(Exception):
-                parameters, initial = self.overrides(
-                    plan, {name: values[i] for name, values in columns.items()}
-                )
-                p[i] = plan.parameters(parameters, default)
-                x[i], d[i] = plan.initial(p[i], initial)
-                good[i] = True
+            good = _put(plan, points, varied)
+        else:
+            good = np.zeros(count, dtype=bool)
+            for i in range(count):
+                with contextlib.suppress(Exception):
+                    parameters, initial = self.overrides(
+                        plan, {name: values[i] for name, values in columns.items()}
+                    )
+                    p[i] = plan.parameters(parameters, default)
+                    x[i], d[i] = plan.initial(p[i], initial)
+                    good[i] = True
+        # An array and one of its elements may contradict each other.
+        for place, values in varied:
+            same = place.values_in(points) == values
+            good &= same.reshape(count, -1).all(axis=1)
         return points, good
 
     def check(self, values: Mapping[str, NDArray[Any]]) -> Simulator:

@@ -19,7 +19,7 @@ from trussflow.blocks.errors import Explained, SimulationError, SimulationInterr
 from trussflow.blocks.results.channels import Chosen
 from trussflow.blocks.results.dataset import provenance
 from trussflow.blocks.results.log import NAN_POLICIES
-from trussflow.blocks.simulation.lanes import goes_in_lanes
+from trussflow.blocks.simulation.lanes import most_lanes
 from trussflow.blocks.simulation.simulator import Simulator, SimulatorSettings
 from trussflow.blocks.simulation.solver import refuse_unknown
 from trussflow.blocks.support.validation import (
@@ -97,9 +97,9 @@ def sweep(
 ) -> xr.Dataset:
     """Run a diagram many times in parallel with varied values.
 
-    If it saves time, fixed-step runs without events, algebraic loops, Python blocks or a time limit are
-    advanced in batches of 4 or 8 on each core, with the same numbers. Short batches with reductions by name
-    begin in this process, and go to worker processes after a second.
+    Fixed-step runs without Python blocks or a time limit are advanced in batches, with the same numbers. If it
+    saves time, those without events and algebraic loops take 4 or 8 steps at once on each core. Short batches
+    with reductions by name begin in this process, and go to worker processes after a second.
 
     Parameters
     ----------
@@ -207,10 +207,9 @@ def sweep(
         opening = SAMPLE_SECONDS / (INSTRUCTION_SECONDS * max(1, size))
         steps = repeats * count * (duration / float(step) + opening)
         enough = steps >= MIN_BATCHED_STEPS and 2 * count >= lanes() * side
-        worth = enough and goes_in_lanes(simulator.prepared)
-        runs.recipe = recipe = dataclasses.replace(
-            recipe, lanes=lanes() if worth else 0
-        )
+        # Code of one lane is that of the simulator, compiled already.
+        most = min(most_lanes(simulator.prepared), lanes() if enough else 1)
+        runs.recipe = recipe = dataclasses.replace(recipe, lanes=most)
         run_seconds = INSTRUCTION_SECONDS * size * duration / float(step)
         # Functions of the user may end or change a process; compiled batches cannot.
         begins_here = (

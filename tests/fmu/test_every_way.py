@@ -21,8 +21,7 @@ from trussflow.blocks import (
 )
 from trussflow.blocks.errors import SimulationError, TrussflowError
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.simulation.lanes import Lanes, goes_in_lanes
-from trussflow.blocks.tracing import compiler
+from trussflow.blocks.simulation.lanes import Lanes, most_lanes
 from trussflow.fmu import Fmu, export
 
 STEP, LENGTH = 0.05, 0.5
@@ -61,9 +60,9 @@ def simulated(item, backend="interpreted", **settings):
 def in_lanes(seed, _folder):
     diagram, log = around(exposed(seed))
     simulator = Simulator(diagram, step=STEP, backend="compiled", log=log)
-    if not goes_in_lanes(simulator.prepared):
+    if not most_lanes(simulator.prepared):
         raise SimulationError("the diagram does not go in lanes")
-    plan, count = simulator.prepared.plan, compiler.lanes()
+    plan, count = simulator.prepared.plan, most_lanes(simulator.prepared)
     p = plan.parameters(None)
     points = tuple(np.tile(v, (count, 1)) for v in (*plan.initial(p, None), p))
     (runs,) = Lanes(simulator, count).run(LENGTH, points, "warn")

@@ -11,11 +11,13 @@ from trussflow.blocks import (
     Block,
     Constant,
     Diagram,
+    Event,
     Function,
     Gain,
     Input,
     Integrator,
     MatrixGain,
+    Mode,
     Noise,
     Output,
     Parameter,
@@ -31,15 +33,20 @@ from trussflow.blocks import (
     ZeroOrderHold,
     sweep,
 )
-from trussflow.blocks.simulation.lanes import Lanes, goes_in_lanes
+from trussflow.blocks.errors import ParameterError
+from trussflow.blocks.simulation.lanes import Lanes, most_lanes
 from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.blocks.sweeps import samples
+from trussflow.blocks.sweeps.reductions import REDUCTIONS
 from trussflow.blocks.tracing import compiler
 from trussflow.blocks.tracing.kernels import repeated
 
 STEP = 0.01
 ALWAYS = "trussflow.blocks.sweeps.sweep.MIN_BATCHED_STEPS", 0.0
 """Setting with which any sweep goes in lanes."""
+
+ALONE = {"time_limit": 600.0, "executor": "serial"}
+"""Settings with which each run of a sweep goes alone."""
 
 
 def wave(a, b):
@@ -173,7 +180,7 @@ def assert_same(found, alone):
 )
 def test_each_lane_is_the_run_alone_to_the_bit(diagram, solver):
     simulator = Simulator(diagram, step=STEP, log_step=3 * STEP, solver=solver)
-    assert goes_in_lanes(simulator.prepared)
+    assert most_lanes(simulator.prepared) == compiler.lanes()
     each = several(simulator, compiler.lanes() - 1)
     found = in_lanes(simulator, 0.9, each)
     for result, (parameters, initial) in zip(found, each, strict=True):
@@ -231,8 +238,9 @@ def test_a_run_that_diverges_disturbs_no_other(monkeypatch):
         "executor": "serial",
         "step": STEP,
     }
-    alone = sweep(exploding(), 2.0, **settings)
+    alone = sweep(exploding(), 2.0, **settings | ALONE)
     assert alone["status"].values.tolist().count("diverged") == 4
+    assert sweep(exploding(), 2.0, **settings).equals(alone)
     monkeypatch.setattr(*ALWAYS)
     together = sweep(exploding(), 2.0, **settings)
     assert together.equals(alone)
@@ -263,7 +271,7 @@ def test_a_sweep_is_the_same_in_lanes(monkeypatch, executor):
         "keep": {"f.y": "final", "f.powers": "peak"},
         "step": STEP,
     }
-    alone = sweep(functions(), 1.0, **settings, executor="serial")
+    alone = sweep(functions(), 1.0, **settings, **ALONE)
     assert not used
     monkeypatch.setattr(*ALWAYS)
     together = sweep(functions(), 1.0, **settings, executor=executor, workers=2)
@@ -323,12 +331,13 @@ def test_refused_values_and_logs_are_reported_as_alone(monkeypatch):
         "executor": "serial",
         "step": STEP,
     }
-    alone = sweep(diagram, 2.0, **settings)
+    alone = sweep(diagram, 2.0, **settings | ALONE)
     assert set(alone["status"].values) == {"complete", "diverged", "failed"}
     failed = alone["status"].values == "failed"
     assert failed.tolist() == [
         scale < 0.0 for _ in starts for scale in scales for _ in range(2)
     ]
+    assert sweep(diagram, 2.0, **settings).equals(alone)
     monkeypatch.setattr(*ALWAYS)
     assert sweep(diagram, 2.0, **settings).equals(alone)
 
@@ -352,11 +361,11 @@ def switched(block):
 
 
 @pytest.mark.parametrize(
-    ("diagram", "settings"),
+    ("diagram", "settings", "count"),
     [
-        (functions(), {"solver": "RK45"}),
-        (functions(), {"step": STEP, "backend": "interpreted"}),
-        (switched(Relay(0.5, -0.5)), {"step": STEP}),
+        (functions(), {"solver": "RK45"}, 0),
+        (functions(), {"step": STEP, "backend": "interpreted"}, 0),
+        (switched(Relay(0.5, -0.5)), {"step": STEP}, 1),
         (
             switched(
                 PythonFunction(
@@ -364,29 +373,139 @@ def switched(block):
                 )
             ),
             {"step": STEP},
+            0,
         ),
     ],
 )
-def test_what_differs_from_run_to_run_goes_alone(diagram, settings):
-    assert not goes_in_lanes(Simulator(diagram, **settings).prepared)
+def test_what_differs_from_run_to_run_goes_alone(diagram, settings, count):
+    assert most_lanes(Simulator(diagram, **settings).prepared) == count
 
 
 def test_short_or_small_sweeps_limits_and_functions_that_build_compile_nothing(
     monkeypatch,
 ):
     asked = []
-    monkeypatch.setattr(samples, "Lanes", lambda *own: asked.append(own))
+
+    class Asked(Lanes):
+        def __init__(self, simulator, count):
+            asked.append(count)
+            super().__init__(simulator, count)
+
+    monkeypatch.setattr(samples, "Lanes", Asked)
     monkeypatch.setattr("trussflow.blocks.sweeps.sweep.lanes", lambda: 4)
     settings = {"vary": {"f.offset": [0.1, 0.2, 0.3]}, "keep": "all", "step": STEP}
     sweep(functions(), 1.0, **settings, executor="serial")
     monkeypatch.setattr(*ALWAYS)
-    sweep(functions(), 1.0, **settings, executor="serial", time_limit=60.0)
-    sweep(rates, 1.0, vary={"count": [1, 2]}, keep="all", executor="serial", step=STEP)
     # each core has another one to run
     sweep(functions(), 1.0, **settings, executor="threads", workers=2)
-    assert not asked
+    assert asked == [1, 1]
+    sweep(functions(), 1.0, **settings, executor="serial", time_limit=60.0)
+    sweep(rates, 1.0, vary={"count": [1, 2]}, keep="all", executor="serial", step=STEP)
+    assert asked == [1, 1]
     sweep(functions(), 1.0, **settings, executor="serial")
-    assert asked
+    assert asked == [1, 1, 4]
+
+
+class Tank(Block):
+    """Two levels that start at a parameter, with outputs of several shapes."""
+
+    level = State(2, initial="start")
+    start = Parameter([1.0, 2.0], shape=2, minimum=-1.0)
+    leak = Parameter(0.5, above=0.0, below=3.0)
+    y, matrix, single, scalar = Output(2), Output((2, 2)), Output(1), Output()
+
+    def output(self, t, x, u, p):
+        a, b = x.level
+        rows = [np.stack([a, b]), np.stack([a * b, np.sin(t)])]
+        return {
+            "y": x.level,
+            "matrix": np.stack(rows),
+            "single": np.stack([a + b]),
+            "scalar": a - b,
+        }
+
+    def derivative(self, t, x, u, p):
+        return {"level": -p.leak * x.level * np.exp(np.sin(9.0 * t))}
+
+
+class Outlet(Tank):
+    """Levels with an outlet that opens once, and an end of the run if the first level is high."""
+
+    outlet = Mode()
+    low, high = Event("falling"), Event("terminal")
+
+    def derivative(self, t, x, u, p):
+        return {"level": -p.leak * x.level * (1.0 + x.outlet)}
+
+    def indicators(self, t, x, u, p):
+        return {"low": x.level[0] - 0.4, "high": t * x.level[0] - 1.6}
+
+    def on_event(self, t, x, u, p, happened):
+        return {"outlet": np.where(happened.low, 1.0, x.outlet)}
+
+
+class Doubled(Tank):
+    """Levels that start at twice the parameter, by code."""
+
+    def initial(self, name, p):
+        return 2.0 * p.start
+
+
+class Ordered(Tank):
+    """Levels whose start must increase."""
+
+    def check_parameters(self, p):
+        if p.start[1] < p.start[0]:
+            raise ParameterError("the levels must increase")
+
+
+GRID = {"tank.start[1]": [1.0, 0.2, 3.0], "tank.leak": [0.5, 3.5, 1.0]}
+"""Values of single elements, some of which are not allowed."""
+
+
+@pytest.mark.parametrize("kind", [Tank, Outlet, Doubled, Ordered])
+@pytest.mark.parametrize(
+    "vary",
+    [
+        GRID,
+        {"tank.start": [[1.0, 2.0], [0.0, 3.0]], "tank.start[0]": [1, 5]},
+        {"tank.level": [[1.0, 2.0], [0.3, np.nan]], "tank.leak": [0.1, 0.2]},
+        {"tank.level[0]": [0.1, 0.5, 9.0], "tank.start": [[2.0, 3.0], [3.0, 2.0]]},
+    ],
+    ids=["elements", "whole and element", "states", "states after parameters"],
+)
+def test_values_written_as_arrays_are_those_of_single_runs(monkeypatch, kind, vary):
+    diagram = Diagram("drained")
+    diagram.add(tank=kind())
+    names = [name for name in REDUCTIONS if name != "all"]
+    ports = "y", "matrix", "single", "scalar"
+    keep = {f"{p} {n}": (f"tank.{p}", n) for p in ports for n in names}
+    settings = {"vary": vary, "keep": keep, "step": STEP, "log_step": 3 * STEP}
+    alone = sweep(diagram, 1.0, **settings, **ALONE)
+    assert "complete" in alone["status"].values
+    for _ in "one lane", "all lanes":
+        together = sweep(diagram, 1.0, **settings, executor="serial")
+        assert together.equals(alone)
+        monkeypatch.setattr(*ALWAYS)
+
+
+def test_runs_with_solved_loops_are_those_of_single_runs():
+    diagram = Diagram("cubic", loops="solve")
+    state, bent = diagram.add(
+        state=Integrator(1.0),
+        bent=Function(
+            lambda u, back: u - back**3,
+            {"u": Input(), "back": Input()},
+            {"y": Output()},
+        ),
+    )
+    state.y >> bent.u
+    bent.y >> bent.back
+    -1.0 * bent.y >> state
+    settings = {"vary": {"state.integral": np.linspace(-2.0, 2.0, 9)}, "step": STEP}
+    settings["keep"] = {"bent.y": "mean"}
+    alone = sweep(diagram, 1.0, **settings, **ALONE)
+    assert sweep(diagram, 1.0, **settings, executor="serial").equals(alone)
 
 
 def test_as_many_lanes_as_the_processor_has(monkeypatch):
