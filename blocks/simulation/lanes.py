@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from fractions import Fraction
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +29,20 @@ BATCH_NUMBERS = 500_000
 BAD_STATE, BAD_VALUE = 1, 2
 """Faults of a step: states, or discrete values, that are not finite, as in ``events.h``."""
 
-Points = tuple[Vector, Vector, Vector]
-"""States, discrete values and parameters at the initial time, with a first axis of runs [as declared]."""
+
+class Points(NamedTuple):
+    """States `x`, discrete values `d` and parameters `p` of runs at the initial time.
+
+    The first axis is that of the runs [as declared].
+    """
+
+    x: Vector
+    d: Vector
+    p: Vector
+
+    def at(self, places: Any) -> Points:
+        """Return those of the runs at these `places` [-]."""
+        return Points(*(values[places] for values in self))
 
 
 def most_lanes(prepared: Prepared) -> int:
@@ -77,8 +89,8 @@ class Lanes:
         ----------
         duration, not_finite
             As for `Simulator.run` [s, -].
-        points : tuple of Vector
-            Where each run starts [as declared].
+        points : Points
+            Where the runs start.
 
         Yields
         ------
@@ -87,7 +99,6 @@ class Lanes:
             not finite, are in none: a run alone reports the error.
         """
         simulator, count = self._simulator, self.count
-        x, d, p = points
         with simulator.opened(duration) as alone:
             executor = self._executor.fresh()  # threads share this object
             tick = alone.prepared.tick
@@ -96,7 +107,7 @@ class Lanes:
             assert alone.log is not None
             shape = times.size, alone.log.width, count
             most = count * max(1, BATCH_NUMBERS // max(1, math.prod(shape)))
-            waiting = np.arange(len(x))
+            waiting = np.arange(len(points.x))
             while waiting.size:
                 batch, waiting = waiting[:most], waiting[most:]
                 started = time.perf_counter()
@@ -113,7 +124,7 @@ class Lanes:
                     duration,
                     alone.log_step,
                     batch[lanes],
-                    (x[batch[lanes]], d[batch[lanes]], p[batch[lanes]]),
+                    points.at(batch[lanes]),
                     times,
                     np.moveaxis(groups.log, 0, 2),
                     lanes,
@@ -160,7 +171,7 @@ def _advance(
         span = Span(solver, prepared.tick, k, 0, size, due, logged)
         groups.taken.fill(-1)
         executor.advance_groups(span, groups._replace(log=groups.log[:, row:]))
-        row += np.count_nonzero(logged)
+        row += int(np.count_nonzero(logged))
         k += size
         chunk = next_chunk(chunk, started)
     # The last instant is logged before a step that no one needs, and that may fail.
@@ -175,7 +186,7 @@ def _bad_lanes(groups: Groups, not_finite: str) -> NDArray[np.bool_]:
     with np.errstate(all="ignore"):
         # The sum is finite only if all numbers are, and takes a third of the time of a test of each.
         if not_finite != "ignore" and not np.isfinite(log.sum()):
-            bad = ~np.isfinite(log).all(axis=(1, 2))
+            bad |= ~np.isfinite(log).all(axis=(1, 2))
     sizes = {BAD_STATE: groups.x.shape[1], BAD_VALUE: groups.d.shape[1]}
     for g in np.flatnonzero(groups.faults):
         size = sizes.get(int(groups.faults[g]), 0)
@@ -199,8 +210,8 @@ class LaneRuns(NamedTuple):
         Time between logged instants [s].
     runs : array of int
         Indices of the runs among all [-].
-    start : tuple of Vector
-        Where they start [as declared].
+    start : Points
+        Where they start.
     times : Vector
         Logged instants [s].
     rows : Vector
@@ -237,9 +248,8 @@ class LaneRuns(NamedTuple):
 
     def dataset(self, k: int) -> xr.Dataset:
         """Return the result of run `k` of these, as `Simulator.run` does."""
-        x, d, p = (values[k] for values in self.start)
         _, attributes = self.simulator.identified(
-            self.duration, self.log_step, (x, d, p)
+            self.duration, self.log_step, self.start.at(k)
         )
         attributes |= {"status": "complete", "wall_time": self.wall_time}
         rows = self.rows[:, :, *divmod(self.lanes[k], self.rows.shape[-1])]

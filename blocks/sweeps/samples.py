@@ -158,7 +158,7 @@ class Runs:
         if lanes is not None and 2 * len(numbers) >= lanes.count:
             points, good = self._points(len(numbers), columns)
             among = np.flatnonzero(good)
-            points = tuple(array[good] for array in points)
+            points = points.at(good)
             recipe = self.recipe
             for runs in lanes.run(recipe.duration, points, recipe.not_finite):
                 chosen = among[runs.runs]
@@ -168,11 +168,11 @@ class Runs:
                     kept = reduced_together(runs, recipe.keep.words)
                     yield Samples(numbers[chosen], varied, values=kept)
                     continue
-                for k, i in enumerate(chosen):
+                for k, i in enumerate(chosen.tolist()):
                     result = functools.partial(runs.dataset, k)
                     yield self.sample(*_row(numbers, columns, i), result)
         # These report the errors of values that are not allowed, and of runs that failed.
-        for i in np.flatnonzero(alone):
+        for i in np.flatnonzero(alone).tolist():
             yield self.sample(*_row(numbers, columns, i))
 
     def _points(
@@ -181,10 +181,8 @@ class Runs:
         """Return where `count` runs [-] with these varied values start, and whether each can."""
         plan = self.simulator({}).prepared.plan
         default = plan.parameters(None)
-        x, d, p = points = tuple(
-            np.repeat(v[np.newaxis], count, axis=0)
-            for v in (*plan.initial(default, None), default)
-        )
+        first = Points(*plan.initial(default, None), default)
+        x, d, p = points = Points(*(np.tile(v, (count, 1)) for v in first))
         varied = [(self._place(plan, n), values) for n, values in columns.items()]
         varied.sort(key=lambda one: one[0].order)
         if _are_plain(plan, varied):
@@ -374,7 +372,7 @@ def _row(
     numbers: NDArray[np.intp], columns: Mapping[str, NDArray[Any]], i: int
 ) -> tuple[int, dict[str, Any]]:
     """Return the number and the varied values of sample `i` of these."""
-    return int(numbers[i]), {name: values[i] for name, values in columns.items()}
+    return numbers[i].item(), {name: values[i] for name, values in columns.items()}
 
 
 class _Place(NamedTuple):
@@ -426,8 +424,9 @@ class _Place(NamedTuple):
 
     def values_in(self, points: Points) -> NDArray[Any]:
         """Return a view of the values of all runs in `points` [as declared]."""
-        whole = points[self.vector][:, self.entry.start : self.entry.stop]
-        return whole.reshape(-1, *self.entry.shape)[:, *self.element]
+        whole: Vector = points[self.vector][:, self.entry.start : self.entry.stop]
+        element: tuple[Any, ...] = (slice(None), *self.element)
+        return whole.reshape(-1, *self.entry.shape)[element]
 
 
 Varied = Sequence[tuple[_Place, NDArray[Any]]]

@@ -29,7 +29,7 @@ from fmu_speed import exporting, native_fmu
 from table import Row, check, show
 
 from trussflow.blocks import Constant, Diagram, Linearizer, Noise, Simulator
-from trussflow.blocks.simulation.lanes import Lanes
+from trussflow.blocks.simulation.lanes import Lanes, Points
 from trussflow.blocks.tracing.compiler import lanes
 from trussflow.models import Hardware, MeanAxesAllocation, MeanAxesDesign, SpaceTruss
 from trussflow.models.transport import Mission, transport_diagram
@@ -98,7 +98,7 @@ def in_lanes(simulator, duration):
     """Return a function that runs the defaults once in each lane, and the number of lanes."""
     plan, count = simulator.prepared.plan, lanes()
     p = plan.parameters(None)
-    points = tuple(np.tile(v, (count, 1)) for v in (*plan.initial(p, None), p))
+    points = Points(*(np.tile(v, (count, 1)) for v in (*plan.initial(p, None), p)))
     together = Lanes(simulator, count)
     return lambda: [*together.run(duration, points, "stop")], count
 

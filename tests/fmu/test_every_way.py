@@ -21,7 +21,7 @@ from trussflow.blocks import (
 )
 from trussflow.blocks.errors import SimulationError, TrussflowError
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.simulation.lanes import Lanes, most_lanes
+from trussflow.blocks.simulation.lanes import Lanes, Points, most_lanes
 from trussflow.fmu import Fmu, export
 
 STEP, LENGTH = 0.05, 0.5
@@ -64,7 +64,7 @@ def in_lanes(seed, _folder):
         raise SimulationError("the diagram does not go in lanes")
     plan, count = simulator.prepared.plan, most_lanes(simulator.prepared)
     p = plan.parameters(None)
-    points = tuple(np.tile(v, (count, 1)) for v in (*plan.initial(p, None), p))
+    points = Points(*(np.tile(v, (count, 1)) for v in (*plan.initial(p, None), p)))
     (runs,) = Lanes(simulator, count).run(LENGTH, points, "warn")
     first, *others = (signals(runs.dataset(k)) for k in range(count))
     for other in others:

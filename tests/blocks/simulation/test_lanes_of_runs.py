@@ -34,7 +34,7 @@ from trussflow.blocks import (
     sweep,
 )
 from trussflow.blocks.errors import ParameterError
-from trussflow.blocks.simulation.lanes import Lanes, most_lanes
+from trussflow.blocks.simulation.lanes import Lanes, Points, most_lanes
 from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.blocks.sweeps import samples
 from trussflow.blocks.sweeps.reductions import REDUCTIONS
@@ -162,7 +162,7 @@ def in_lanes(simulator, duration, each, count=None):
         p = plan.parameters(parameters)
         points.append((*plan.initial(p, initial), p))
     lanes, found = Lanes(simulator, count or compiler.lanes()), {}
-    arrays = tuple(np.stack(values) for values in zip(*points, strict=True))
+    arrays = Points(*map(np.stack, zip(*points, strict=True)))
     for runs in lanes.run(duration, arrays, "stop"):
         found |= {i: runs.dataset(k) for k, i in enumerate(runs.runs)}
     return [found[i] for i in range(len(each))]
@@ -242,12 +242,28 @@ def test_a_run_that_diverges_disturbs_no_other(monkeypatch):
     assert alone["status"].values.tolist().count("diverged") == 4
     assert sweep(exploding(), 2.0, **settings).equals(alone)
     monkeypatch.setattr(*ALWAYS)
+    runs, run = [], samples.Runs.run
+    monkeypatch.setattr(samples.Runs, "run", lambda *own: runs.append(own) or run(*own))
     together = sweep(exploding(), 2.0, **settings)
     assert together.equals(alone)
+    assert len(runs) == 4  # those that diverged, for their messages
     everyone = sweep(
         exploding(), 2.0, **(settings | {"vary": {"x.integral": [3.0, 4.0, 5.0, 6.0]}})
     )
     assert set(everyone["status"].values) == {"diverged"}
+
+
+def test_a_step_after_the_end_is_of_no_account(monkeypatch):
+    diagram = Diagram("steep")
+    x, steep = diagram.add(x=Integrator(0.0), steep=Function(np.exp))
+    x >> steep >> x  # without a solution beyond t = exp(-x(0))
+    settings = {"vary": {"x.integral": [0.0, -2.0, -1.0]}, "step": STEP}
+    settings |= {"keep": {"x.y": "max"}, "executor": "serial"}
+    after = sweep(diagram, 1.0 + STEP, **settings)
+    assert after["status"].values.tolist() == ["diverged", "complete", "complete"]
+    alone = sweep(diagram, 1.0, **settings | ALONE)
+    monkeypatch.setattr(samples.Runs, "run", None)
+    assert sweep(diagram, 1.0, **settings).equals(alone)
 
 
 @pytest.mark.parametrize("executor", ["serial", "threads", campaign.only("processes")])

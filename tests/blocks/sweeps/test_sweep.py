@@ -301,7 +301,8 @@ def test_a_value_that_the_run_does_not_take_over_is_an_error(monkeypatch):
         return run(self, *given, **by_name | {"parameters": {}})
 
     monkeypatch.setattr(Simulator, "run", forgets)
-    found = sweep(decay(), 1.0, vary={"back.gain": [-3.0]}, step=0.1, executor="serial")
+    settings = {"executor": "serial", "time_limit": 60.0}  # so that it runs alone
+    found = sweep(decay(), 1.0, vary={"back.gain": [-3.0]}, step=0.1, **settings)
     assert found["status"] == "failed"
     assert found["message"] == "'back.gain' was to be -3.0, but the run had -1.0"
 

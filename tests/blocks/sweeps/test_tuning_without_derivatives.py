@@ -176,22 +176,19 @@ def test_no_trial_traces_or_compiles(monkeypatch, tmp_path, worth):
     trials = found.runs // len(samples)
     assert trials > 5
     lanes = worth == 1e5
-    assert counts == {
-        "prepared": 1,
-        "compiled": 1 + lanes,
-        "in lanes": 2 * trials * lanes,
-    }
+    assert counts.pop("in lanes") >= 2 * trials
+    assert counts == {"prepared": 1, "compiled": 1 + lanes}
 
 
 def test_an_interrupted_search_goes_on(monkeypatch, tmp_path):
     runs = []
-    own = Runs.run
+    own = Runs.sample
 
-    def counted(self, values):
-        runs.append(values)
-        return own(self, values)
+    def counted(self, *sample):
+        runs.append(sample)
+        return own(self, *sample)
 
-    monkeypatch.setattr(Runs, "run", counted)
+    monkeypatch.setattr(Runs, "sample", counted)
     settings = {"derivatives": False, "step": TIME_STEP, "executor": "serial"}
     whole = tune(approach(), 2.0, missed, GAIN_RANGE, **settings)
     number = len(runs)
