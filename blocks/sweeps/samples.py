@@ -425,8 +425,9 @@ class _Place(NamedTuple):
     def values_in(self, points: Points) -> NDArray[Any]:
         """Return a view of the values of all runs in `points` [as declared]."""
         whole: Vector = points[self.vector][:, self.entry.start : self.entry.stop]
-        element: tuple[Any, ...] = (slice(None), *self.element)
-        return whole.reshape(-1, *self.entry.shape)[element]
+        every: tuple[Any, ...] = (slice(None), *self.element)
+        values: NDArray[Any] = whole.reshape(-1, *self.entry.shape)[every]
+        return values
 
 
 Varied = Sequence[tuple[_Place, NDArray[Any]]]
