@@ -167,6 +167,7 @@ class WrappedFunction(Block):
         if not outputs:
             raise BlockError(f"{owner} needs at least one output")
         self._function = function
+        self._names = tuple(inputs), tuple(outputs)
         self.extra_ports = {**inputs, **outputs}
         super().__init__()
         try:
@@ -194,8 +195,8 @@ class WrappedFunction(Block):
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the results of the function by output."""
-        results = self._function(*(u[port.name] for port in self.inputs()))
-        names = [port.name for port in self.outputs()]
+        arguments, names = self._names
+        results = self._function(*(u[name] for name in arguments))
         if len(names) == 1:
             return {names[0]: results}
         if not isinstance(results, tuple) or len(results) != len(names):

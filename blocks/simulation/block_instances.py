@@ -22,6 +22,9 @@ from trussflow.blocks.support.validation import number_array
 from trussflow.blocks.tracing.call_checks import checked, running_errors
 from trussflow.blocks.tracing.plan import Plan
 
+FLOAT = np.dtype(float)
+"""Usual type of the results of equations."""
+
 _opened: WeakSet[Running] = WeakSet()
 """Objects that are already open."""
 
@@ -316,6 +319,8 @@ class BlockCall:
         Inputs with direct feedthrough to any output.
     direct : bool
         Whether there are any.
+    unknown : Vector
+        Inputs that are not known, NaN [-].
     """
 
     def __init__(self, plan: Plan, block: Block) -> None:
@@ -348,6 +353,9 @@ class BlockCall:
         self._states = self._stored[: len(states)]
         self.needed = _needed(block, plan.feedthrough[path])
         self.direct = bool(self.needed.any())
+        self.unknown = np.full(self.needed.size, np.nan)
+        self._owner = f"block '{path}'"
+        self._nothing = Signals(self._owner, {})
 
     def own(self, x: Vector, d: Vector) -> Vector:
         """Return the block's own states, then its modes, of all `x` and `d` [as declared]; a copy."""
@@ -365,8 +373,10 @@ class BlockCall:
         return self._signals(self._events, flags)
 
     def _signals(self, arrays: Arrays, flat: NDArray[Any]) -> Signals:
+        if not arrays:
+            return self._nothing
         values = {name: flat[place].reshape(shape) for name, place, shape in arrays}
-        return Signals(f"block '{self.path}'", values)
+        return Signals(self._owner, values)
 
     def ask(
         self,
@@ -393,10 +403,14 @@ class BlockCall:
         *more : Signals
             Further arguments of the equation.
         """
-        with running_errors(self.block, kind, t):
+        try:
             return getattr(equations, kind)(
                 np.float64(t), *self.signals(s, u, p), *more
             )
+        except Exception:
+            # only now, as a context takes as long as the call of a small function
+            with running_errors(self.block, kind, t):
+                raise
 
     def signals(
         self, s: Vector, u: Vector, p: Vector
@@ -426,6 +440,24 @@ class BlockCall:
 
         States and modes that `on_event` did not return are those in `s` [as declared].
         """
+        order = self._results.get(kind, self._states)
+        flat = np.empty(order[-1][1].stop if order else 0)
+        if isinstance(values, dict) and len(values) == len(order):
+            # the usual case, without the time of the checks
+            for name, place, shape in order:
+                value = values.get(name)
+                if not shape and type(value) in (float, np.float64):
+                    flat[place] = value
+                elif (
+                    type(value) is np.ndarray
+                    and value.dtype is FLOAT
+                    and value.shape == shape
+                ):
+                    flat[place] = value.reshape(-1)
+                else:
+                    break
+            else:
+                return flat
         if isinstance(values, dict):
             where = f"what {kind}() of Python block '{self.path}' returned as"
             values = {
@@ -438,9 +470,9 @@ class BlockCall:
             arrays = {
                 name: arrays.get(name, s[place]) for name, place, _ in self._stored
             }
-        order = self._results.get(kind, self._states)
-        parts = [np.ravel(arrays[name]) for name, _, _ in order]
-        return np.concatenate(parts) if parts else np.zeros(0)
+        for name, place, _ in order:
+            flat[place] = np.ravel(arrays[name])
+        return flat
 
 
 def _needed(

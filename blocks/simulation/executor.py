@@ -155,7 +155,8 @@ class Executor:
     def instant(self, number: int, *point: *Point, update: bool = True) -> Vector:
         """Return d after the sampled blocks of the set of that number have computed.
 
-        Without `update`, the states of Python blocks do not change.
+        It is d of the point itself if only Python blocks, whose results are checked, have changed it. Without
+        `update`, the states of Python blocks do not change.
         """
         return self.call(f"sample_{number}", *point)
 
@@ -207,8 +208,8 @@ class Executor:
                 # of the time do not add up.
                 t = float(number * span.tick)
                 following = float((number + 1) * span.tick)
-                if span.due[place]:
-                    updated = self.call(f"sample_{span.due[place]}", t, x, d, p)
+                if due := int(span.due[place]):
+                    updated = self.instant(due, t, x, d, p)
                     if not self.plan.sound(updated):
                         return Progress(k, fault, updated)
                     # In place: the event watch holds views of d.
@@ -425,12 +426,12 @@ class CompiledExecutor(Executor):
         self._advance.argtypes = [
             *(pointer, ctypes.c_int, ctypes.c_double, ctypes.c_double, whole, whole),
             *[pointer] * 6,
-            *(whole, pointer, pointer, pointer, ctypes.c_int),
+            *(whole, pointer, pointer, pointer, ctypes.c_int, pointer, pointer),
         ]
         self._advance_groups = library.tf_advance_groups
         self._advance_groups.restype = None
         self._advance_groups.argtypes = [
-            *self._advance.argtypes,
+            *self._advance.argtypes[:-2],
             *(whole, pointer, whole, whole, whole),
         ]
         if variable:
@@ -480,10 +481,20 @@ class CompiledExecutor(Executor):
         return result.copy()
 
     def advance(
-        self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector
+        self,
+        span: Span,
+        x: Vector,
+        d: Vector,
+        p: Vector,
+        log: Vector,
+        python: int | None = None,
+        instant: Any = None,
     ) -> Progress:
-        """Take the steps of a span in place; rows of `log` [as declared] are filled in order."""
-        to_x, to_d, to_p, to_due, to_logged, to_log = self._addresses[:6]
+        """Take the steps of a span in place; rows of `log` [as declared] are filled in order.
+
+        For `python` and `instant`, an address and a C function, see ``driver.c``.
+        """
+        to_x, to_d, to_p, to_due, to_logged, to_log, to_kinds = self._addresses
         work, fault, bad = self._own
         steps = self._advance(
             work,
@@ -502,8 +513,10 @@ class CompiledExecutor(Executor):
             log.shape[1],
             fault,
             bad,
-            self.plan.kinds.ctypes.data,
+            to_kinds(self.plan.kinds),
             self.plan.sides.span.start,
+            python,
+            instant,
         )
         if not self._fault.value:
             return Progress(steps)

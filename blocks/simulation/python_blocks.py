@@ -9,11 +9,13 @@ instant, continuous Python blocks still see the held outputs of before.
 
 from __future__ import annotations
 
+import ctypes
+import math
+from collections.abc import Generator
 from itertools import chain
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trussflow.blocks.errors import AlgebraicLoopError, DivergenceError
 from trussflow.blocks.framework.block import Block
@@ -24,7 +26,13 @@ from trussflow.blocks.simulation.block_instances import (
     OpenBlocks,
     SampledStepping,
 )
-from trussflow.blocks.simulation.executor import Executor, Point, Progress, Span
+from trussflow.blocks.simulation.executor import (
+    CompiledExecutor,
+    Executor,
+    Point,
+    Progress,
+    Span,
+)
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.tracing.call_checks import running_errors
 from trussflow.blocks.tracing.plan import Plan
@@ -45,6 +53,9 @@ DIFFERENCE_STEP = 1e-7
 
 LOOP_TOLERANCE = 1e-9
 """Residual of a loop that round-off may leave, relative to its signals [-]."""
+
+INSTANT = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_longlong)
+"""Type of a C function that computes an instant, for ``driver.c``."""
 
 Pair = tuple[BlockCall, Quantity]
 """A Python block, and the quantity that holds its inputs."""
@@ -107,6 +118,8 @@ class PythonBlocks:
         blocks, and whether each list is a loop to be solved. Those of the first set are continuous.
     ordered : list of list of (BlockCall, Quantity)
         For each set, all its blocks with their inputs.
+    computes : array of bool
+        For each set, whether there are any.
     with_traced : list of bool
         For each set, whether traced blocks are sampled too.
 
@@ -141,9 +154,7 @@ class PythonBlocks:
         ]
         traced = {clock_of[path] for path, b in plan.system.blocks.items() if b.traced}
         self.with_traced = [bool(active & traced) for active in sets]
-        self._computes = np.array([bool(pairs) for pairs in self.ordered])
-        # No instant: continuous Python blocks are evaluated with each stage of a step.
-        self._computes[0] = False
+        self.computes = np.array([bool(pairs) for pairs in self.ordered])
 
     @property
     def continuous(self) -> list[Pair]:
@@ -153,10 +164,6 @@ class PythonBlocks:
     def quantities(self) -> list[Quantity]:
         """Return the quantities that hold the blocks' inputs."""
         return [quantity for _, quantity in chain(*self.ordered)]
-
-    def needed(self, due: NDArray[np.uint16]) -> list[int]:
-        """Return the ticks, of those with these `due` sets, at which a sampled Python block computes."""
-        return np.flatnonzero(self._computes[due]).tolist()
 
 
 class PythonExecutor(Executor):
@@ -184,6 +191,16 @@ class PythonExecutor(Executor):
         self._inner = inner
         self._python = python
         self._asking: set[str] = set()  # blocks that request an event after a step
+        self._updating = {
+            call.path
+            for call, _ in chain(*python.ordered)
+            if call.size
+            or isinstance(own := blocks.equations[call.path], SampledStepping)
+            or own.states_own("update")
+        }
+        self._span: tuple[Span, Vector, Vector, Vector]
+        self._instant: Any = None
+        self._failed: Progress | None = None
 
     def call(self, name: str, *point: *Point) -> Vector:
         """Return the quantity of that name; outputs of continuous Python blocks change in d."""
@@ -201,9 +218,43 @@ class PythonExecutor(Executor):
     ) -> Progress:
         """Take the steps of a span in place; rows of `log` [as declared] are filled in order."""
         # Continuous Python blocks are called in each stage; otherwise spans run in C.
-        if self._python.continuous:
+        inner = self._inner
+        if self._python.continuous or not isinstance(inner, CompiledExecutor):
             return super().advance(span, x, d, p, log)
-        return self._inner.advance(span, x, d, p, log)
+        if self._instant is None:
+            # C calls the generator inside its `try`. Ctrl-C is noticed at the begin of a function, where it
+            # would get lost.
+            instants = self._instants()
+            next(instants)
+            self._instant = INSTANT(instants.send)
+        self._span = span, x, d, p
+        computes = self._python.computes.ctypes.data
+        progress = inner.advance(span, x, d, p, log, computes, self._instant)
+        if self._failed is None:
+            return progress
+        failed, self._failed, self._instant = self._failed, None, None
+        return failed._replace(steps=progress.steps)
+
+    def _instants(self) -> Generator[int, int, None]:
+        """Compute the instant of each step of a span that is sent; yield whether all is well."""
+        good = 1
+        try:
+            while good:
+                k = yield good
+                span, x, d, p = self._span
+                t = (span.first + k) * span.tick.numerator / span.tick.denominator
+                updated = self.instant(int(span.due[span.begin + k]), t, x, d, p)
+                if updated is d:
+                    continue
+                if self.plan.sound(updated):
+                    d[:] = updated
+                else:
+                    good, self._failed = 0, Progress(0, "d", updated)
+        except GeneratorExit:
+            raise
+        except BaseException as error:  # noqa: BLE001 - raised again by the run
+            self._failed = Progress(0, "d", error=error)
+        yield 0
 
     def vary(self, span: VariableSpan) -> None:
         """Advance by variable steps as a `span` says, in place."""
@@ -220,13 +271,17 @@ class PythonExecutor(Executor):
             d[call.outputs] = self._sampled_output(call, quantity, point)
         # All outputs are known by now. New states are put into d only after all updates have
         # read the old ones.
-        staged = [self._updated(*pair, point) for pair in ticking] if update else []
+        staged = [
+            self._updated(*pair, point)
+            for pair in ticking
+            if update and pair[0].path in self._updating
+        ]
         # If only Python blocks are sampled, there is no traced program to call.
-        traced = self._python.with_traced[number]
-        after = self.call(f"sample_{number}", *point) if traced else d.copy()
+        if self._python.with_traced[number]:
+            d = self.call(f"sample_{number}", *point)
         for place, states in staged:
-            after[place] = states
-        return after
+            d[place] = states
+        return d
 
     # -- sampled blocks -----------------------------------------------------------------------
 
@@ -236,17 +291,17 @@ class PythonExecutor(Executor):
         """Return the outputs of a sampled block at an instant."""
         t, _, d, p = point
         own = self.blocks.equations[call.path]
-        # Without feedthrough, the inputs may depend on these outputs and are not known yet.
-        u = np.full(call.needed.size, np.nan)
+        u = call.unknown.copy()
         if call.direct:
             u = self.call(quantity.name, *point)
+            # Without feedthrough, an input may depend on these outputs and is not known yet.
+            u[~call.needed] = np.nan
         if isinstance(own, SampledStepping):
             with running_errors(call.block, "advance", t):
                 outputs = own.reach(t, u)
         else:
-            seen = np.where(call.needed, u, np.nan)
             states = d[call.states].copy()
-            outputs = call(own, "output", t, states, seen, p[call.parameters])
+            outputs = call(own, "output", t, states, u, p[call.parameters])
         return self._finite(call, "output", outputs, t)
 
     def _updated(
@@ -258,16 +313,16 @@ class PythonExecutor(Executor):
         if isinstance(own, SampledStepping):
             with running_errors(call.block, "set", t):
                 own.hold(self.call(quantity.name, *point))
-        elif call.size or own.states_own("update"):
-            u = self.call(quantity.name, *point)
-            before = d[call.states].copy()
-            states = call(own, "update", t, before, u, p[call.parameters])
-            return call.states, self._finite(call, "update", states, t)
-        return slice(0), np.zeros(0)
+            return slice(0), np.zeros(0)
+        u = self.call(quantity.name, *point)
+        before = d[call.states].copy()
+        states = call(own, "update", t, before, u, p[call.parameters])
+        return call.states, self._finite(call, "update", states, t)
 
     def _finite(self, call: BlockCall, kind: str, values: Vector, t: float) -> Vector:
         """Return finite `values`; stop the run at the block that returned others."""
-        if np.isfinite(values).all():
+        # The square is finite only if all numbers are, and is faster; it may overflow.
+        if math.isfinite(values @ values) or np.isfinite(values).all():
             return values
         layout = self.plan.held if kind == "output" else self.plan.memory
         place = layout.span_of(call.path).start + int(np.argmin(np.isfinite(values)))

@@ -93,11 +93,11 @@ SWITCH_ADVICE = (
 NO_ROWS = np.empty((0, 0))
 
 
-def next_chunk(chunk: int, started: float) -> int:
-    """Return the number of steps to the next check, after so many since wall time `started` [-, s]."""
+def next_chunk(chunk: int, started: float, least: int = MIN_CHUNK) -> int:
+    """Return the number of steps to the next check, at `least` so many, after a `chunk` since `started` [-, s]."""
     seconds = max(time.perf_counter() - started, 1e-9)
     growth = min(MAX_CHUNK_GROWTH, CHUNK_SECONDS / seconds)
-    return max(MIN_CHUNK, int(chunk * growth))
+    return max(least, int(chunk * growth))
 
 
 @dataclass(slots=True)
@@ -370,7 +370,6 @@ class Run:
         prepared = self.prepared
         log = self.log
         tick = self.prepared.tick
-        has_python = bool(prepared.plan.python_blocks)
         every = (
             ticks(self.log_step, prepared.tick, "log_step") if log is not None else 0
         )
@@ -379,7 +378,8 @@ class Run:
             # So many ticks, of which one in `every` is logged,
             # give CHUNK_NUMBERS numbers.
             longest = max(MIN_CHUNK, CHUNK_NUMBERS * every // max(1, log.width))
-        chunk = MIN_CHUNK
+        # The time of a Python block is not known: it may take seconds.
+        least = chunk = 1 if prepared.plan.python_blocks else MIN_CHUNK
         # Equal to k, so that the first pass computes a window.
         stop = self.k
         while self.k < last:
@@ -392,18 +392,9 @@ class Run:
                 if every:
                     # -base % every is the distance to the next multiple of `every`.
                     logged[-base % every :: every] = 1
-                asked = prepared.python.needed(due) if has_python else []
-                # Ticks at which Python computes, the next one last, for pop(). The sentinel `stop`
-                # stays: at that tick a new window begins.
-                needed = [*(base + i for i in asked), stop][::-1]
                 if self.sampled == base:
                     due[0] = 0
-            if needed[-1] == k:
-                needed.pop()
-                self._instant(int(due[k - base]), self.time)
-                # The executor must not sample this tick again.
-                due[k - base] = 0
-            end = min(k + chunk, needed[-1])
+            end = min(k + chunk, stop)
             flags = logged[k - base : end - base]
             number = int(np.count_nonzero(flags)) if every else 0
             rows = log.reserve(number) if log is not None and number else NO_ROWS
@@ -431,7 +422,7 @@ class Run:
             self.k = end
             self.time = self.time_of(end)
             if started:
-                chunk = min(next_chunk(chunk, started), longest)
+                chunk = min(next_chunk(chunk, started, least), longest)
             if self.bar is not None:
                 self.bar.update((end - k) * tick.numerator / tick.denominator)
 
@@ -507,6 +498,8 @@ class Run:
         if not number:
             return
         updated = self.executor.instant(number, t, self.x, self.d, self.p)
+        if updated is self.d:
+            return
         if not self.prepared.plan.sound(updated):
             raise self._divergence("d", updated, t)
         self.d[:] = updated

@@ -19,6 +19,8 @@ typedef struct {
 #endif
 } tf_work;
 
+typedef int (*tf_instant)(long long);
+
 static const tf_program tf_samples[] = {0 TF_SAMPLES};
 
 /* The programs in the order in which the plan traced them. */
@@ -37,12 +39,16 @@ TF_EXPORT void tf_evaluate(int number, double t, const tf_number* x, const tf_nu
    i: the i-th sample function) and log where `logged` says so. Stops before a step or sample
    whose result is not finite. For `kinds` and `sides` see events.h.
 
+   `python` marks the sample functions in place of which `instant` computes in Python, given the index of the step;
+   it returns 0 if it failed. Both are null without Python blocks.
+
    Returns the number of steps taken; *fault is 0, or why it stopped: see events.h. */
 TF_EXPORT long long tf_advance(void* work, int method, double numerator, double denominator,
                                long long first, long long number, tf_number* x, tf_number* d,
                                const tf_number* p, const unsigned short* due,
                                const unsigned char* logged, tf_number* log, long long log_width,
-                               int* fault, tf_number* bad, const signed char* kinds, int sides) {
+                               int* fault, tf_number* bad, const signed char* kinds, int sides,
+                               const unsigned char* python, tf_instant instant) {
   tf_work* s = (tf_work*)work;
   const tf_model model = TF_MODEL_OF(TF_RUN, kinds, sides);
   double h = numerator / denominator, next = (double)first * numerator / denominator;
@@ -50,7 +56,9 @@ TF_EXPORT long long tf_advance(void* work, int method, double numerator, double 
   for (long long k = 0; k < number; ++k) {
     double t = next;
     next = (double)(first + k + 1) * numerator / denominator;
-    if (due[k]) {
+    if (due[k] && python && python[due[k]]) {
+      if (!instant(k)) return k;
+    } else if (due[k]) {
       tf_samples[due[k]](&t, x, d, p, s->d_next);
       if (!tf_sound(s->d_next)) {
         memcpy(bad, s->d_next, TF_D * sizeof(tf_number));
@@ -90,7 +98,7 @@ TF_EXPORT void tf_advance_groups(void* work, int method, double numerator, doubl
     if (!faults[g])
       taken[g] = tf_advance(work, method, numerator, denominator, first, number, x + g * TF_X, d + g * TF_D,
                             p + g * p_stride, due, logged, log + g * log_stride, log_width, faults + g,
-                            bad + g * bad_stride, kinds, sides);
+                            bad + g * bad_stride, kinds, sides, 0, 0);
 }
 
 #ifdef TF_VARIABLE
