@@ -205,6 +205,7 @@ class SampledStepping(Running):
         self._outputs = _laid_out({p.name: p.whole_shape for p in block.outputs()})
         self._size = sum(port.size for port in block.outputs())
         self._needed = _needed(block, block.feedthrough())
+        self._is_direct = bool(self._needed.any())
         self._time: float | None = None
         self._held = np.zeros(0)
         self._first = True
@@ -252,7 +253,7 @@ class SampledStepping(Running):
             return outputs
         if t != self._time:  # an instant may be evaluated more than once
             self._inner.advance(self._time, t)
-        if self._needed.any():
+        if self._is_direct:
             self._held = np.where(self._needed, u, self._held)
             self._inner.set(self._held)
         self._time = t

@@ -271,11 +271,10 @@ class PythonExecutor(Executor):
             d[call.outputs] = self._sampled_output(call, quantity, point)
         # All outputs are known by now. New states are put into d only after all updates have
         # read the old ones.
-        staged = [
-            self._updated(*pair, point)
-            for pair in ticking
-            if update and pair[0].path in self._updating
-        ]
+        staged = []
+        for call, quantity in ticking if update else ():
+            if call.path in self._updating:
+                staged += self._updated(call, quantity, point)
         # If only Python blocks are sampled, there is no traced program to call.
         if self._python.with_traced[number]:
             d = self.call(f"sample_{number}", *point)
@@ -297,8 +296,11 @@ class PythonExecutor(Executor):
             # Without feedthrough, an input may depend on these outputs and is not known yet.
             u[~call.needed] = np.nan
         if isinstance(own, SampledStepping):
-            with running_errors(call.block, "advance", t):
+            try:
                 outputs = own.reach(t, u)
+            except Exception:
+                with running_errors(call.block, "advance", t):
+                    raise
         else:
             states = d[call.states].copy()
             outputs = call(own, "output", t, states, u, p[call.parameters])
@@ -306,18 +308,21 @@ class PythonExecutor(Executor):
 
     def _updated(
         self, call: BlockCall, quantity: Quantity, point: Point
-    ) -> tuple[slice, Vector]:
-        """Return the new states of a sampled block after an instant, and where in d they belong."""
+    ) -> list[tuple[slice, Vector]]:
+        """Return the new states of a sampled block after an instant, if it has any, and where in d they belong."""
         t, _, d, p = point
         own = self.blocks.equations[call.path]
-        if isinstance(own, SampledStepping):
-            with running_errors(call.block, "set", t):
-                own.hold(self.call(quantity.name, *point))
-            return slice(0), np.zeros(0)
         u = self.call(quantity.name, *point)
+        if isinstance(own, SampledStepping):
+            try:
+                own.hold(u)
+            except Exception:
+                with running_errors(call.block, "set", t):
+                    raise
+            return []
         before = d[call.states].copy()
         states = call(own, "update", t, before, u, p[call.parameters])
-        return call.states, self._finite(call, "update", states, t)
+        return [(call.states, self._finite(call, "update", states, t))]
 
     def _finite(self, call: BlockCall, kind: str, values: Vector, t: float) -> Vector:
         """Return finite `values`; stop the run at the block that returned others."""
