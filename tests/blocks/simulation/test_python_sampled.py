@@ -1,5 +1,9 @@
 """Python blocks: any code, run by the scheduler at its instants, between compiled steps."""
 
+import _thread
+import sys
+import threading
+
 import numpy as np
 import pytest
 from systems import Time, assert_near
@@ -8,9 +12,12 @@ from trussflow.blocks import (
     Block,
     Diagram,
     Input,
+    Integrator,
     MatrixGain,
     Output,
     Parameter,
+    PythonFunction,
+    Session,
     Simulator,
     State,
     UnitDelay,
@@ -144,3 +151,24 @@ def test_fault_names_block_and_time_and_keeps_the_log(
     assert "block" in str(error.value)
     assert where + "()" in str(error.value)
     assert_near(error.value.result.time, [0.0, 0.1, 0.2], ROUND_OFF)
+
+
+def test_ctrl_c_ends_steps_in_c_between_python_blocks(monkeypatch):
+    """Press Ctrl-C at any time: in C, in Python, and on the way between them."""
+    diagram = Diagram("slow")
+    ports = {"inputs": {"u": Input()}, "outputs": {"y": Output()}}
+    x, law = diagram.add(x=Integrator(1.0), law=PythonFunction(abs, 1e-2, **ports))
+    x >> law >> x
+    lost = []
+    monkeypatch.setattr(sys, "unraisablehook", lost.append)
+    with Session(diagram, step=1e-5) as session:
+        for k in range(30):
+            session.start()
+            end = threading.Timer(0.02 + 0.0013 * k, _thread.interrupt_main)
+            end.start()
+            with pytest.raises(KeyboardInterrupt):
+                session.advance(1e9)
+            end.join()
+            assert "KeyboardInterrupt" in session.fault
+            assert session.time < 1e9
+    assert not lost
