@@ -200,7 +200,7 @@ SUBJECTS = {
         for m in ("kalman_filter", "kalman_design", "process_models", "covariances")
     ],
     "Linear analysis": ["blocks.linear_analysis"],
-    "Co-simulation": ["blocks.cosimulation"],
+    "Co-simulation": ["blocks.cosimulation", "blocks.library.udp"],
     "FMUs": ["fmu"],
     "Truss, robots and plants": [
         f"models.{m}"

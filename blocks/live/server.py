@@ -116,8 +116,7 @@ class LiveServer(ThreadingHTTPServer):
             )
         self.changes.pop(name, None)
         session, named = Session.of(self.prepared), self.prepared.plan.p.named
-        session.start(parameters=named(p))
-        begin = time.perf_counter()
+        session.start(parameters=named(p), pace=self.pace)
         with session:
             for k in range(round(number) + 1):
                 now = float(k * self.log_step)
@@ -125,8 +124,6 @@ class LiveServer(ThreadingHTTPServer):
                     if name in self.changes:
                         session.tune(named(self.changes.pop(name)))
                     session.advance(now)
-                if self.pace:
-                    time.sleep(max(0.0, begin + now / self.pace - time.perf_counter()))
                 yield np.concatenate([[now], session.row()])
 
 

@@ -535,7 +535,7 @@ class CompiledExecutor(Executor):
             return Progress(steps, "x", error=error)
 
     def advance_groups(self, span: Span, groups: Groups) -> None:
-        """Take the steps of a span in place, in each of several groups that has no fault."""
+        """Take the steps of a span in place, in each of several `groups` that has no fault [as declared]."""
         log = groups.log
         x, d, p, rows, faults, bad, taken = (array.ctypes.data for array in groups)
         self._advance_groups(

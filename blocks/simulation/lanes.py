@@ -90,7 +90,7 @@ class Lanes:
         duration, not_finite
             As for `Simulator.run` [s, -].
         points : Points
-            Where the runs start.
+            Initial points of the runs.
 
         Yields
         ------
@@ -211,7 +211,7 @@ class LaneRuns(NamedTuple):
     runs : array of int
         Indices of the runs among all [-].
     start : Points
-        Where they start.
+        Initial points of the runs.
     times : Vector
         Logged instants [s].
     rows : Vector
@@ -235,7 +235,7 @@ class LaneRuns(NamedTuple):
     def reduced(
         self, output: str, function: Callable[[Vector, Vector], Vector]
     ) -> Vector:
-        """Return a `function` of the times [s] and values [as declared] of an output, of each run."""
+        """Return a `function` of the times [s] and values [as declared] of the signal `output`, for each run."""
         channels = self.simulator.prepared.channels
         channel = next(one for one in channels if one.name == output)
         elements, rows = channel.port.elements(), self.rows[:, channel.columns]

@@ -33,6 +33,7 @@ from trussflow.blocks.simulation.adaptive import (
     VariableSpan,
 )
 from trussflow.blocks.simulation.executor import Executor, NumPyExecutor, Progress, Span
+from trussflow.blocks.simulation.pacing import PACED_SECONDS, Pacer
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.step_size_warnings import (
     breakpoints_of,
@@ -145,6 +146,8 @@ class Run:
         Numbers of steps, and the method, with a solver of variable steps.
     jumps : int
         Number of tested short steps with a jump of a derivative [-].
+    pacer : Pacer or None
+        Pacer of a run in real time.
     """
 
     prepared: Prepared
@@ -167,6 +170,7 @@ class Run:
     bar: RunBar | None = None
     statistics: dict[str, Any] = field(default_factory=dict)
     jumps: int = 0
+    pacer: Pacer | None = None
 
     def __post_init__(self) -> None:
         self.begin_at(self.origin)
@@ -237,6 +241,8 @@ class Run:
         self.begin_at(snapshot.origin)
         self.go_to(snapshot.now)
         self.sampled = self.k if snapshot.sampled else None
+        if self.pacer is not None:
+            self.pacer.begin(self.time)
 
     def check(self, found: Snapshot) -> None:
         """Raise `SimulationError` if a field of a snapshot `found` in a file cannot be of this run."""
@@ -294,7 +300,12 @@ class Run:
             self._instant(self.due(), self.time)
             self._part(until)
 
-    def to_end(self, progress: bool = False, limit: float | None = None) -> xr.Dataset:
+    def to_end(
+        self,
+        progress: bool = False,
+        limit: float | None = None,
+        pace: float | None = None,
+    ) -> xr.Dataset:
         """Run to the end; finish the log in any case.
 
         Parameters
@@ -303,6 +314,8 @@ class Run:
             Whether a bar is shown if the run takes more than a second.
         limit : float, optional
             Wall time limit [s].
+        pace : float, optional
+            Simulated seconds in a second of wall time [-].
 
         Returns
         -------
@@ -320,6 +333,8 @@ class Run:
                 self._resume(log.resumed)
             name = self.prepared.plan.name
             length = float(self.end - self.now)
+            if pace is not None:
+                self.pacer = Pacer(pace, self.time)
             with interruptible(), RunBar(name, length, progress, limit) as self.bar:
                 if self.checkpoint_every is not None:
                     self._advance_with_checkpoints(log, self.checkpoint_every)
@@ -328,6 +343,9 @@ class Run:
                 self.advance(self.end)
                 self._instant(self.due(), self.time)
                 self._log_now(self.time)
+            if self.pacer is not None:
+                self.statistics |= self.pacer.counts
+                self.pacer.warn(name)
             wall_time = self.seconds + time.perf_counter() - started
             result = log.complete(
                 blocks.messages, wall_time=wall_time, **self.statistics
@@ -380,6 +398,9 @@ class Run:
             longest = max(MIN_CHUNK, CHUNK_NUMBERS * every // max(1, log.width))
         # The time of a Python block is not known: it may take seconds.
         least = chunk = 1 if prepared.plan.python_blocks else MIN_CHUNK
+        if self.pacer is not None:
+            longest = max(1, int(PACED_SECONDS * self.pacer.pace / tick))
+            least = chunk = min(least, longest)
         # Equal to k, so that the first pass computes a window.
         stop = self.k
         while self.k < last:
@@ -425,6 +446,8 @@ class Run:
                 chunk = min(next_chunk(chunk, started, least), longest)
             if self.bar is not None:
                 self.bar.update((end - k) * tick.numerator / tick.denominator)
+            if self.pacer is not None:
+                self.pacer.wait(self.time)
 
     def _part(self, end: Fraction) -> None:
         """Take a step that is shorter than a tick."""
@@ -438,6 +461,8 @@ class Run:
             raise self._divergence("x", state, times[1])
         self.x[:] = state
         self.go_to(end)
+        if self.pacer is not None:
+            self.pacer.wait(self.time)
 
     def _failed(self, progress: Progress, k: int, is_logged: bool) -> NoReturn:
         """Raise the error of the step from tick `k` [-], at which a row was reserved if it `is_logged`."""
@@ -562,7 +587,7 @@ class Run:
             rows = log.reserve(control.room) if log is not None else NO_ROWS
             # Steps that stay short are taken one by one, to find jumps of the derivative.
             tested = control.short_steps > MAX_SHORT_STEPS
-            control.max_steps = 1 if tested else chunk
+            control.max_steps = 1 if tested or self.pacer is not None else chunk
             before = control.t, self.x.copy() if tested else self.x
             taken = control.steps
             started = time.perf_counter()
@@ -577,6 +602,8 @@ class Run:
                 self.time = control.t
             if self.bar is not None:
                 self.bar.update(reached)
+            if self.pacer is not None:
+                self.pacer.wait(self.time)
             times = times[control.rows :]
             if control.t >= control.end:
                 return

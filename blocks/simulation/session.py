@@ -35,12 +35,13 @@ from trussflow.blocks.framework.declarations import TIMED
 from trussflow.blocks.framework.system import System, flatten
 from trussflow.blocks.results.channels import Chosen
 from trussflow.blocks.results.state_file import Snapshot, read_state, write_state
+from trussflow.blocks.simulation.pacing import Pacer
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.run import Run
 from trussflow.blocks.simulation.solver import Solver, SolverSettings, spelled_out
 from trussflow.blocks.support.summary import Described, Description
 from trussflow.blocks.support.types import Vector
-from trussflow.blocks.support.validation import by_name, shown
+from trussflow.blocks.support.validation import by_name, positive_if_given, shown
 
 TICK_TOLERANCE = float(SNAP)
 """Distance from a tick below which a time is that of the tick [ticks]."""
@@ -150,6 +151,11 @@ class Session(Described):
         return self._running().time
 
     @property
+    def pacer(self) -> Pacer | None:
+        """Pacer of a session in real time, with the number of `overruns` and the `largest_delay` [s]."""
+        return self._running().pacer
+
+    @property
     def restores(self) -> bool:
         """Whether `save` works, since all Python blocks can save their state."""
         return not self._running().executor.blocks.unrestorable
@@ -168,6 +174,7 @@ class Session(Described):
         initial: Mapping[str, Any] | None = None,
         inputs: Mapping[str, Any] | None = None,
         time: float = 0.0,
+        pace: float | None = None,
     ) -> None:
         """Start, or restart.
 
@@ -181,6 +188,8 @@ class Session(Described):
             Values of inputs by name [units as declared]; initial states may depend on them.
         time : float
             Time at which to begin [s]; sampled blocks count their instants from here.
+        pace : float, optional
+            Simulated seconds in a second of wall time [-], from now on, as for `Simulator.run`; see `pacer`.
 
         Raises
         ------
@@ -191,6 +200,7 @@ class Session(Described):
         SimulationError
             If a Python block fails.
         """
+        positive_if_given(pace=pace)
         self.stop()
         prepared = self.prepared
         begin = self._instant(time)
@@ -209,6 +219,8 @@ class Session(Described):
             raise
         # Assigned last: if anything above fails, the session is not started.
         self._run = Run(prepared, executor, x, d, p, origin=begin)
+        if pace is not None:
+            self._run.pacer = Pacer(pace, float(begin))
 
     def stop(self) -> None:
         """Stop; Python blocks release their resources. A session that is not started does not change."""

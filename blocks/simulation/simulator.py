@@ -261,6 +261,7 @@ class Simulator(Described):
         *,
         progress: bool = True,
         time_limit: float | None = None,
+        pace: float | None = None,
         **settings: Unpack[OpeningSettings],
     ) -> xr.Dataset:
         """Simulate.
@@ -292,6 +293,11 @@ class Simulator(Described):
             checked about 1000 at a time: the run stops after that, and the rows after the fault are dropped.
         time_limit : float, optional
             Wall time limit of the run [s], checked between steps.
+        pace : float, optional
+            Simulated seconds in a second of wall time [-]; by default a run is as fast as possible. The run waits
+            after each step, or after the steps of a millisecond if they are shorter. A delay is made up for. The
+            attributes of the result have ``overruns``, the number of waits that came more than a millisecond too
+            late, and ``largest_delay`` [s], of which a run warns above 0.1 s.
 
         Returns
         -------
@@ -311,10 +317,10 @@ class Simulator(Described):
             If the run exceeds its time limit; the logged data are in its `result`.
         """
         refuse_unknown(settings, RunSettings.__annotations__)
-        positive_if_given(time_limit=time_limit)
+        positive_if_given(time_limit=time_limit, pace=pace)
         yes_or_no("a run", "progress", progress)
         with self.opened(duration, **settings) as run:
-            return run.to_end(progress, time_limit)
+            return run.to_end(progress, time_limit, pace)
 
 
 class RunSettings(OpeningSettings, total=False):
@@ -322,6 +328,7 @@ class RunSettings(OpeningSettings, total=False):
 
     progress: bool
     time_limit: float | None
+    pace: float | None
 
 
 class SimulateSettings(RunSettings, SimulatorSettings, total=False):
@@ -340,8 +347,8 @@ def simulate(
         Block or diagram to simulate.
     duration : float
         Time to simulate [s].
-    parameters, initial, start, progress, stream_to, checkpoint_every, resume, not_finite, time_limit
-        As for `Simulator.run` [start, checkpoint_every, time_limit: s].
+    parameters, initial, start, progress, stream_to, checkpoint_every, resume, not_finite, time_limit, pace
+        As for `Simulator.run` [start, checkpoint_every, time_limit: s; pace: -].
     log, log_step
         As for `Simulator` [log_step: s].
     step, solver, backend, rtol, atol

@@ -150,7 +150,7 @@ class Runs:
     def together(
         self, numbers: NDArray[np.intp], columns: Mapping[str, NDArray[Any]]
     ) -> Iterator[Samples]:
-        """Yield the results of the samples with these `numbers` and varied values [as declared]."""
+        """Yield the results of the samples with these `numbers` and varied values, `columns` [as declared]."""
         with self._building:  # threads share the code
             lanes = self.lanes
         alone = np.ones(len(numbers), dtype=bool)
@@ -178,7 +178,7 @@ class Runs:
     def _points(
         self, count: int, columns: Mapping[str, NDArray[Any]]
     ) -> tuple[Points, NDArray[np.bool_]]:
-        """Return where `count` runs [-] with these varied values start, and whether each can."""
+        """Return the initial points of `count` runs [-] with these varied values, and whether each is allowed."""
         plan = self.simulator({}).prepared.plan
         default = plan.parameters(None)
         first = Points(*plan.initial(default, None), default)
@@ -294,7 +294,7 @@ class Runs:
         values: dict[str, Any],
         result_of: Callable[[], xr.Dataset] | None = None,
     ) -> Samples:
-        """Return sample `number` [-], run with `values` [as declared], or reduced from a result."""
+        """Return sample `number` [-] with `values` [as declared]; `result_of` returns the result of its run, if known."""
         varied, status, message, kept = dict(values), "complete", "", dict[str, Any]()
         try:
             self.simulator(values)  # built before the time limit of the sample starts
@@ -353,7 +353,15 @@ def one_sample(
     message: str,
     values: Mapping[str, Any] | None = None,
 ) -> Samples:
-    """Return the result of one sample from values without an axis of samples, as for `Samples`."""
+    """Return the result of one sample.
+
+    Parameters
+    ----------
+    number : int
+        Index of the sample [-].
+    varied, status, message, values
+        As for `Samples`, without the axis of samples [as declared].
+    """
     return Samples(
         np.array([number]),
         {name: np.asarray(value)[np.newaxis] for name, value in varied.items()},
@@ -438,7 +446,7 @@ def _are_plain(plan: Plan, varied: Varied) -> bool:
     """Return whether only rules of `Parameter` and `State` are between varied values and initial states."""
     blocks = plan.system.blocks
     changed = {place.entry.path for place, _ in varied if place.is_parameter}
-    rules = "check_parameters", "parameter_value", "initial"
+    rules = "parameter_value", "initial"
     return (
         all(values.dtype.kind in "biuf" for _, values in varied)
         and not any(block.states_own("initial_state") for block in blocks.values())
@@ -468,7 +476,8 @@ def _put(plan: Plan, points: Points, varied: Varied) -> NDArray[np.bool_]:
     parameters = [one for one in varied if one[0].is_parameter]
     for place, values in parameters:
         place.values_in(points)[...] = values
-    for state, start in _named(plan, {place.entry.path for place, _ in parameters}):
+    changed = {place.entry.path for place, _ in parameters}
+    for state, start in _named(plan, changed):
         target = x if (state.path, state.name) in plan.x.entries else d
         target[:, state.start : state.stop] = p[:, start.start : start.stop]
     for place, values in varied[len(parameters) :]:
@@ -481,6 +490,15 @@ def _put(plan: Plan, points: Points, varied: Varied) -> NDArray[np.bool_]:
             for word, bound in block._declared[place.entry.name].bounds.items():
                 bad |= VIOLATED[word](values, bound)
         good &= ~bad.any(axis=1)
+    for path in changed:
+        block = plan.system.blocks[path]
+        if type(block).check_parameters is Block.check_parameters:
+            continue
+        for i in np.flatnonzero(good):
+            try:
+                block.check_parameters(plan.p.signals(path, p[i]))
+            except Exception:  # noqa: BLE001 - the run of this sample alone reports it
+                good[i] = False
     return good
 
 
@@ -550,7 +568,7 @@ _deadlines: dict[int, float] = {}
 def run_samples(
     recipe: bytes, numbers: NDArray[np.intp], columns: Mapping[str, NDArray[Any]]
 ) -> tuple[list[Samples], float]:
-    """Return the results of samples, as for `Runs.together`, by a pickled `recipe`, and the time taken [s]."""
+    """Return the results of `Runs.together` for `numbers` and `columns`, by a pickled `recipe`, and the time taken [s]."""
     begun, runs = time.perf_counter(), runs_of(recipe)
     found = [*runs.together(numbers, columns)]
     return found, time.perf_counter() - begun

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -28,6 +29,7 @@ from trussflow.blocks.framework.declarations import (
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.run_state import Running
 from trussflow.blocks.framework.system import flatten
 from trussflow.blocks.linear_analysis.python_derivatives import offered
 from trussflow.blocks.simulation.block_instances import open_block
@@ -88,6 +90,7 @@ class Bench:
             # Equations must not write into parameters. A deep copy of a read-only array
             # is writable.
             value.setflags(write=False)
+        self.closing = contextlib.ExitStack()  # closes what a check has opened
         self.kinds: list[str] = []
         self.points: list[list[Array]] = []
 
@@ -141,7 +144,12 @@ class Bench:
             )
         # A block with hidden states gets new equations for each call, so that calls do
         # not depend on each other.
-        return open_block(self.block, self.p) if self.block.hides else self.block
+        if not self.block.hides:
+            return self.block
+        own = open_block(self.block, self.p)
+        if isinstance(own, Running):
+            self.closing.callback(own.close)
+        return own
 
     def arguments(
         self, point: list[Array]
@@ -452,7 +460,8 @@ def check_block(
     bench = Bench(item, by_name("values around which to check", around))
     for name in CHECKS:
         try:
-            told = getattr(bench, name)()
+            with bench.closing:
+                told = getattr(bench, name)()
             findings[name] = f"passed: {told}" if told else "passed"
         except NotApplicableError as reason:
             findings[name] = f"not applicable: {reason}"

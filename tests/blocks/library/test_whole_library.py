@@ -59,6 +59,8 @@ from trussflow.blocks import (
     TransferFunction,
     TransportDelay,
     Trapezoid,
+    UdpReceive,
+    UdpSend,
     UnitDelay,
     Waypoints,
     WeightedAllocation,
@@ -120,6 +122,8 @@ def smooth():
         function=Function(np.tanh),
         python=PythonFunction(lambda u: u.max(), 0.1, **ports(u=2, y=())),
         terminator=Terminator(),
+        send=UdpSend(0.1, 9),  # the port at which packets are discarded
+        receive=UdpReceive(0.1, 0),
         state_space=StateSpace(A, np.ones((3, 2)), np.eye(3)),
         discrete_state_space=DiscreteStateSpace(
             A, np.ones((3, 2)), np.eye(3), sample_time=0.05
