@@ -13,7 +13,7 @@ import pickle
 import re
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -27,7 +27,7 @@ from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.layout import Entry
 from trussflow.blocks.framework.system import System
 from trussflow.blocks.results.log import status_of
-from trussflow.blocks.simulation.lanes import LaneRuns, Lanes, Points
+from trussflow.blocks.simulation.lanes import Lanes, Points
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.sweeps.reductions import Kept, reduced, reduced_together
@@ -164,7 +164,7 @@ class Runs:
                 chosen = among[runs.runs]
                 alone[chosen] = False
                 if recipe.keep is not None and recipe.keep.words is not None:
-                    varied = self._varied(runs, columns)
+                    varied = {n: v[chosen].astype(float) for n, v in columns.items()}
                     kept = reduced_together(runs, recipe.keep.words)
                     yield Samples(numbers[chosen], varied, values=kept)
                     continue
@@ -317,11 +317,6 @@ class Runs:
             )
             message = f"{kind}{error}"
         return one_sample(number, varied, status, message, kept)
-
-    def _varied(self, runs: LaneRuns, names: Iterable[str]) -> dict[str, NDArray[Any]]:
-        """Return the varied values that `runs` used, by the `names` of these values."""
-        plan = self.simulator({}).prepared.plan
-        return {name: self._place(plan, name).values_in(runs.start) for name in names}
 
     def _read_back(
         self, result: xr.Dataset, values: Mapping[str, Any]

@@ -48,18 +48,16 @@ from trussflow.blocks.tracing.compiler import lanes
 if TYPE_CHECKING:
     import xarray as xr
 
-MIN_BATCHED_STEPS = 1e7
-"""Smallest number of steps of all samples and repeats for which code for batched runs is compiled [-].
+MIN_BATCHED_STEPS = 2e6
+"""Smallest number of steps of all samples and repeats for which code for several lanes is compiled [-].
 
-The time to compile, like the time of a step, is proportional to the size of the diagram. Each worker must
-also get samples for half of the lanes: with fewer, single runs on all cores are faster.
+The time to compile, like the time of a step, is proportional to the size of the diagram. The code stays in the
+cache for later sweeps. Each worker must also get samples for half of the lanes: with fewer, single runs on all
+cores are faster.
 """
 
-SAMPLE_SECONDS = 1e-3
-"""Wall time that a batched run saves besides its steps [s]: opening a run, and its result."""
-
 INSTRUCTION_SECONDS = 1e-9
-"""Wall time of one instruction of the equations, for the number of steps in `SAMPLE_SECONDS` [s]."""
+"""Wall time of one instruction of the equations [s]."""
 
 START_SECONDS = 1.0
 """Wall time after which batches go to worker processes [s], whose start takes about as long."""
@@ -204,8 +202,7 @@ def sweep(
     # A varied argument changes the structure, so there is no common code for a batch.
     if step is not None and time_limit is None and all("." in name for name in columns):
         size = sum(p.graph.n_instructions() for p in simulator.prepared.programs)
-        opening = SAMPLE_SECONDS / (INSTRUCTION_SECONDS * max(1, size))
-        steps = repeats * count * (duration / float(step) + opening)
+        steps = repeats * count * duration / float(step)
         enough = steps >= MIN_BATCHED_STEPS and 2 * count >= lanes() * side
         # Code of one lane is that of the simulator, compiled already.
         most = min(most_lanes(simulator.prepared), lanes() if enough else 1)
