@@ -360,9 +360,10 @@ class BlockCall:
 
     def own(self, x: Vector, d: Vector) -> Vector:
         """Return the block's own states, then its modes, of all `x` and `d` [as declared]; a copy."""
-        return np.concatenate(
-            [(x if self.block.continuous else d)[self.states], d[self.modes]]
-        )
+        own: Vector = (x if self.block.continuous else d)[self.states]
+        if self.modes.start == self.modes.stop:
+            return own.copy()
+        return np.concatenate([own, d[self.modes]])
 
     def places(self, size: int) -> NDArray[np.int64]:
         """Return where states and modes of a continuous block are in (x, modes); x has that `size` [-]."""

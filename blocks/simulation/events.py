@@ -71,12 +71,16 @@ class EventWatch:
         self._g = np.zeros(0)
         self._quiet = np.zeros(len(kinds), dtype=bool)
         self._asked = False  # whether a Python block wants an event
+        self.fresh = True  # whether d or p may have changed since the last step
         self._last = 0.0  # time of the last event [s]
         self._number = 0  # of simultaneous events
 
     def begin(self, t: float, x: Vector) -> Vector:
         """Handle events that are due, or result from a jump of d or p, at `t` [s]; return the states `x`."""
         self._number = 0
+        fresh, self.fresh = self.fresh, True
+        if not fresh:
+            return x
         self._indicate(t, x)
         return self._settle(t, x)
 

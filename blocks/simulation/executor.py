@@ -208,7 +208,8 @@ class Executor:
                 # of the time do not add up.
                 t = float(number * span.tick)
                 following = float((number + 1) * span.tick)
-                if due := int(span.due[place]):
+                due = int(span.due[place])
+                if due:
                     updated = self.instant(due, t, x, d, p)
                     if not self.plan.sound(updated):
                         return Progress(k, fault, updated)
@@ -218,6 +219,8 @@ class Executor:
                     log[row] = self.call("outputs", t, x, d, p)
                     row += 1
                 fault = "x"
+                if self._watch is not None:
+                    self._watch.fresh = not k or bool(due)
                 state = self.between(
                     span.method, (t, following, float(span.tick)), x, d, p
                 )
