@@ -11,14 +11,18 @@ from systems import Counter, assert_near
 from trussflow.blocks import (
     Block,
     Diagram,
+    Event,
     Function,
     Gain,
     Input,
     Integrator,
+    Mode,
     Output,
+    Ramp,
     State,
     TimeFunction,
     UnitDelay,
+    ZeroOrderHold,
     simulate,
 )
 
@@ -180,3 +184,32 @@ def test_instants_are_integer_ticks_in_long_runs():
     result = simulate(diagram, 1000.0, step=0.1, backend="compiled")
     assert_array_equal(result["fast.y"], np.arange(10001))
     assert_array_equal(result["slow.y"], np.arange(10001) // 3)
+
+
+class Stopwatch(Block):
+    """The time at which the input crossed a level."""
+
+    u, y = Input(), Output()
+    when = Mode()
+    high = Event("rising")
+
+    def output(self, t, x, u, p):
+        return {"y": x.when}
+
+    def indicators(self, t, x, u, p):
+        return {"high": u.u - 0.7}
+
+    def on_event(self, t, x, u, p, fired):
+        return {"when": t}
+
+
+@pytest.mark.parametrize("backend", ["numpy", "interpreted", "compiled"])
+def test_a_jump_at_any_instant_causes_its_event_there(backend):
+    """Behind a sampled ramp the event is at the sample, not within the step that follows."""
+    diagram = Diagram("sampled")
+    ramp, hold, watch = diagram.add(
+        ramp=Ramp(1.0), hold=ZeroOrderHold(0.4), watch=Stopwatch()
+    )
+    ramp >> hold >> watch
+    found = simulate(diagram, 2.0, step=0.2, backend=backend)
+    assert found["watch.y"][-1] == 0.8

@@ -12,6 +12,7 @@ from trussflow.blocks import (
     Output,
     PythonFunction,
     Session,
+    Sine,
     simulate,
 )
 from trussflow.blocks.errors import SimulationError
@@ -89,6 +90,15 @@ def test_a_late_run_warns(wall):
         match=r"'watched' was too slow for pace=1 10 times, by up to 1 s"
     ):
         simulate(diagram, 1.0, step=0.1, pace=1.0)
+
+
+@pytest.mark.parametrize("settings", [{"step": 0.05}, {"solver": "RK45"}])
+def test_each_step_waits(wall, settings):
+    diagram = Diagram("steps")
+    diagram.add(sine=Sine(1.0, 20.0)) >> diagram.add(x=Integrator())
+    result = simulate(diagram, 1.0, pace=1.0, **settings)
+    assert len(wall.waits) == result.attrs.get("steps", 20)
+    assert sum(wall.waits) == pytest.approx(1.0)
 
 
 def test_short_steps_are_taken_in_groups_of_a_millisecond(wall):
