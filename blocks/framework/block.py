@@ -33,6 +33,7 @@ from trussflow.blocks.errors import BlockError, NameLookupError, ParameterError
 from trussflow.blocks.framework.declarations import (
     Attribute,
     Event,
+    History,
     Mode,
     Parameter,
     Signals,
@@ -66,7 +67,7 @@ from trussflow.blocks.support.validation import (
 if TYPE_CHECKING:
     from trussflow.blocks.framework.diagram import Diagram
 
-_Kind = TypeVar("_Kind", bound=State | Event)
+_Kind = TypeVar("_Kind", bound=State | Event | History)
 
 SETTABLE_ATTRIBUTES = ("extra_ports", "traced", "_declared")
 """Attributes of `Block` that a subclass may set before ``super().__init__()``."""
@@ -148,7 +149,9 @@ class Block(Wired, Equations, Described):
         for base in reversed(cls.__mro__[1:]):
             declared |= getattr(base, "_declared", {})
         for name, value in vars(cls).items():
-            is_declared = isinstance(value, Input | Output | State | Parameter | Event)
+            is_declared = isinstance(
+                value, Input | Output | State | Parameter | Event | History
+            )
             taken = hasattr(Block, name) or name in Block.__annotations__
             # typing.final() sets __final__: nothing may override such a method. Other
             # names of Block may be overridden, but not by a declaration.

@@ -191,6 +191,26 @@ class Mode(State):
         super().__init__(shape, initial=initial, unit=unit, meaning=meaning)
 
 
+class History(Declaration):
+    """Declare that a run stores an input of a block, after each accepted step and event.
+
+    Equations read the history by the functions of ``tracing/history.py``. The block has events, and an
+    attribute `points`: the largest number of points stored [-], or None for a default.
+
+    Parameters
+    ----------
+    of : str
+        Name of the input.
+    longest, step : str
+        Attributes with the longest time for which points are needed, and the longest step [s].
+    """
+
+    shape, unit, meaning = (), "", ""
+
+    def __init__(self, of: str, longest: str, step: str) -> None:
+        self.of, self.longest, self.step = of, longest, step
+
+
 RISING, FALLING, EITHER, TIMED, TERMINAL = 1, -1, 0, 2, 3
 """Codes of the kinds of events, as in ``tracing/events.h``."""
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.support.types import Array
 
@@ -30,9 +28,6 @@ class Equations:
     and one mode. The solver stops at an event, calls `on_event`, and restarts. At an instant, events
     are handled first: sampled blocks and the log see the states after them.
     """
-
-    sees_jumps: ClassVar[bool] = True
-    """Whether `on_step` sees the value after the jump of a source that jumps at the end of the step."""
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the outputs by name; see `Equations` for `t`, `x`, `u` and `p` [as declared]."""
@@ -89,7 +84,7 @@ class Equations:
     def on_step(self, t: Array, x: Signals, u: Signals, p: Signals) -> bool:
         """Handle an accepted step (Python blocks only); return True to request a call of `on_event`.
 
-        The arguments `t`, `x`, `u` and `p` are those of `output`; see `sees_jumps`.
+        The arguments `t`, `x`, `u` and `p` are those of `output`.
         """
         return False
 

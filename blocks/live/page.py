@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import math
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -200,7 +201,7 @@ def contents(
         raise SimulationError(
             f"{cannot} with solver {solver!r}: a page has fixed steps; choose from {', '.join(FIXED_STEP)}"
         )
-    plan = Plan(diagram)
+    plan = Plan(diagram, step or math.inf)
     plan.loops.refuse_idle_starts()
     if plan.python_blocks and not is_served:
         names = ", ".join(

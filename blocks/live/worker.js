@@ -160,6 +160,7 @@ class Engine {
       3: `an event indicator is not a number ${at(time)}`,
       4: `events follow each other without end ${at(bad[0])}`,
       7: `a block ended the run ${at(bad[0])}`,
+      8: `a delay has no room for more points ${at(bad[0])}`,
     }[code] ?? `an algebraic loop has no solution ${at(bad[0])}`;
   }
 }

@@ -16,6 +16,7 @@ from trussflow.blocks.framework.declarations import (
     TIMED,
 )
 from trussflow.blocks.support.types import Vector
+from trussflow.blocks.tracing.history import store, too_short
 from trussflow.blocks.tracing.plan import Plan
 
 if TYPE_CHECKING:
@@ -82,6 +83,7 @@ class EventWatch:
         if not fresh:
             return x
         self._indicate(t, x)
+        self._record(t, x)
         return self._settle(t, x)
 
     def next_time(self) -> float:
@@ -108,6 +110,7 @@ class EventWatch:
         if self._mark(end):
             end, x = self._locate(begin, end, x, state, start)
         self._asked = self.executor.accepted(end, x, self.d, self.p)
+        self._record(end, x, before=True)
         if self._asked or self._fired.any():
             return end, x
         self._adopt()
@@ -124,6 +127,21 @@ class EventWatch:
         self._g = self.executor.call("indicators", t, x, self.d, self.p)
         if np.isnan(self._g).any():
             not_a_number(self._plan, self._g, t, x, self.d, self.p)
+
+    def _record(self, t: float, x: Vector, *, before: bool = False) -> None:
+        """Store the signals that have a history at `t` [s], and before these those just before `t` if `before`."""
+        plan, d = self._plan, self.d
+        if not plan.histories.size:
+            return
+        for at in ([float(np.nextafter(t, -np.inf))] if before else []) + [t]:
+            values = self.executor.call("stored", at, x, d, self.p)
+            for e in plan.histories:
+                size = int(d[e.start + 2])
+                store(d[e.start : e.stop], t, values[:size])
+                if too_short(d[e.start : e.stop]):
+                    full(plan, t, d)
+                values = values[size:]
+        self._indicate(t, x)
 
     def _mark(self, t: float) -> bool:
         """Mark in d the events that fire with the present indicators; return whether any does."""
@@ -196,6 +214,7 @@ class EventWatch:
             x, self._modes[:] = after[: x.size], after[x.size :]
             refuse_not_finite(self._plan, t, x, d)
             self._indicate(t, x)
+            self._record(t, x)
             g = self._g
             old = np.where(sides > 0.0, 1.0, -1.0)
             own = fired > 0.0
@@ -287,7 +306,8 @@ def refuse_not_finite(plan: Plan, t: float, x: Vector, d: Vector) -> None:
     DivergenceError
         If one is not finite; modes may be infinite, such as the time of an event that never occurs.
     """
-    if fault := plan.x.fault(x) or plan.modes.fault(np.where(np.isinf(d), 0.0, d)):
+    modes = np.where(np.isinf(d), 0.0, d)
+    if fault := plan.x.fault(x) or plan.modes.fault(modes) or plan.histories.fault(d):
         raise DivergenceError(
             f"{fault} stopped being finite at t = {t:g} s: on_event() of that block returned it; the "
             "log up to there is kept"
@@ -319,6 +339,15 @@ def ended(plan: Plan, t: float, d: Vector) -> NoReturn:
     # A block of the user may have a parameter of that name.
     text = message if isinstance(message, str) else ""
     raise RunStoppedError(f"'{path}' ended the run at t = {t:.12g} s {text}".rstrip())
+
+
+def full(plan: Plan, t: float, d: Vector) -> NoReturn:
+    """Raise the error for a history of a `plan` in `d` that has no room for the points of its delay at `t` [s]."""
+    e = next(e for e in plan.histories if too_short(d[e.start : e.stop]))
+    raise SimulationError(
+        f"'{e.path}' stores at most {d[e.start + 1]:g} points, which its delay exceeds at t = {t:g} s: "
+        "give the block a larger number of points, such as points=10000, or a larger step"
+    )
 
 
 def endless(t: float) -> NoReturn:

@@ -29,6 +29,7 @@ from trussflow.blocks.simulation.events import (
     EventWatch,
     ended,
     endless,
+    full,
     not_a_number,
     refuse_not_finite,
 )
@@ -576,6 +577,8 @@ class CompiledExecutor(Executor):
                 self.plan.loops.blame(t, x, d, p)
             case 7:
                 ended(self.plan, t, d)
+            case 8:
+                full(self.plan, t, d)
         endless(t)
 
     def vary(self, span: VariableSpan) -> None:
@@ -614,7 +617,7 @@ class CompiledExecutor(Executor):
                 raise AdaptiveError(control.failed, failed if known else None)
             case 3 if np.isfinite(control.failed):
                 self._refuse(control.failed, x, d, p)
-            case 3 | 4 | 5 | 7:
+            case 3 | 4 | 5 | 7 | 8:
                 self._refuse(t, x, d, p)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import math
 from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any, Self
@@ -41,6 +42,7 @@ from trussflow.blocks.tracing.quantities import (
     indicators,
     outputs,
     sample,
+    stored,
 )
 from trussflow.blocks.tracing.variable_step import SparseJacobian
 
@@ -130,6 +132,7 @@ class Prepared:
             *self.python.quantities(),
             *([indicators(), after_events()] if plan.has_events else []),
             *([guesses()] if plan.guesses.size else []),
+            *([stored()] if plan.histories.size else []),
         ]
 
     @classmethod
@@ -157,7 +160,7 @@ class Prepared:
         TracingError
             If the equations of a block cannot be traced.
         """
-        plan = Plan(diagram)
+        plan = Plan(diagram, solver.step if solver.is_fixed else math.inf)
         plan.loops.refuse_idle_starts()
         channels = chosen_channels(plan.system, chosen)
         prepared = cls(

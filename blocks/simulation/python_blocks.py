@@ -433,10 +433,6 @@ class PythonExecutor(Executor):
         """Return the result of an equation of a continuous block, in one vector unless it is `on_step`."""
         t, x, d, p = point
         own = self.blocks.equations[call.path]
-        before = kind == "on_step" and not own.sees_jumps
-        # With `sees_jumps` false, on_step() gets the inputs just before a jump at the end of
-        # the step.
-        at = np.nextafter(t, -np.inf) if before else t
-        u = self._inner.call(quantity.name, at, x, d, p)
+        u = self._inner.call(quantity.name, t, x, d, p)
         evaluate = call.ask if kind == "on_step" else call
         return evaluate(own, kind, t, call.own(x, d), u, p[call.parameters], *more)

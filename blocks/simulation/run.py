@@ -483,7 +483,9 @@ class Run:
         # Held outputs first: they may be the cause of a bad update, never the other way round. No instant
         # changes modes, which may be infinite.
         layouts = (
-            [plan.x] if fault == "x" else [plan.u, plan.held, plan.memory, plan.guesses]
+            [plan.x]
+            if fault == "x"
+            else [plan.u, plan.held, plan.memory, plan.guesses, plan.histories]
         )
         name = next(filter(None, (layout.fault(bad) for layout in layouts)))
         return DivergenceError(

@@ -373,6 +373,7 @@ def _refuse(prepared: Prepared) -> None:
     found = {
         "Python blocks, which have no derivatives": bool(plan.python_blocks),
         "algebraic loops found by iteration": bool(plan.guesses.size),
+        "transport delays": bool(plan.histories.size),
         f"the adaptive solver '{prepared.solver.solver}'; use rk4 or euler": not prepared.solver.is_fixed,
     }
     there = [what for what, is_there in found.items() if is_there]

@@ -15,7 +15,7 @@ import numpy as np
 
 from trussflow.blocks.errors import BlockError, SimulationError, TrussflowError
 from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import Event, Mode, Signals
+from trussflow.blocks.framework.declarations import Event, History, Mode, Signals
 from trussflow.blocks.framework.layout import Entry, Layout
 from trussflow.blocks.framework.port import properties_of
 from trussflow.blocks.support.types import Array
@@ -89,10 +89,13 @@ def kinds(block: Block) -> list[str]:
 
 
 def argument_shapes(block: Block) -> tuple[dict[str, tuple[int, ...]], ...]:
-    """Return the shapes of the states and modes, inputs, and events of a `block`."""
+    """Return the shapes of the states, modes and traced histories, inputs, and events of a `block`."""
     x, fired = (
         {n: block.state_shape(n) for n in names}
-        for names in ([*block.states(), *block.declared(Mode)], block.declared(Event))
+        for names in (
+            [*block.states(), *block.declared(Mode), *block.declared(History)],
+            block.declared(Event),
+        )
     )
     return x, {p.name: p.whole_shape or () for p in block.inputs()}, fired
 

@@ -20,17 +20,19 @@ def c_kernel(
     declarations: str,
     call: str,
     near: Callable[[], ca.Function] | None = None,
+    reads: Callable[[int], ca.Function] | None = None,
 ) -> Kernel:
     """Return the kernel of a `function` that the C statement `call` computes after these `declarations`.
 
-    The statement writes the array ``out`` and reads ``in``. `near` is as in `Kernel`.
+    The statement writes the array ``out`` and reads ``in``. `near` and `reads` are as in `Kernel`.
     """
     # Not inlined: the function is large, and several programs may call it.
+    more = ", const double* restrict d" if reads else ""
     source = (
         f"{declarations}\nstatic __attribute__((noinline))\n"
-        f"void {KERNEL_NAME}(const double* restrict in, double* restrict out) {{\n  {call}\n}}\n"
+        f"void {KERNEL_NAME}(const double* restrict in, double* restrict out{more}) {{\n  {call}\n}}\n"
     )
-    return Kernel(function, source, source=source, near=near)
+    return Kernel(function, source, source=source, near=near, reads=reads)
 
 
 class NumPyFunction(ca.Callback):

@@ -131,7 +131,7 @@ def vector_functions() -> str:
 
 
 def event_sizes(programs: Iterable[Program]) -> dict[str, int]:
-    """Return the numbers of events, modes and loop guesses, by the macro names that events.h needs."""
+    """Return the numbers of events, modes, loop guesses and stored signals, by the macros of events.h."""
     sizes = {program.name: program.size for program in programs}
     # The program of the events computes x and the modes, that of the derivative x only.
     modes = sizes["on_event"] - sizes["derivative"] if "on_event" in sizes else 0
@@ -139,6 +139,7 @@ def event_sizes(programs: Iterable[Program]) -> dict[str, int]:
         "TF_EVENTS": sizes.get("indicators", 0),
         "TF_MODES": modes,
         "TF_LOOPS": sizes.get("guesses", 0),
+        "TF_STORED": sizes.get("stored", 0),
     }
 
 
@@ -215,6 +216,8 @@ def _program(program: Program, kernels: dict[int, str], numbers: Numbers) -> lis
             starts.append(f"w + {size}")
             names.append(f"w[{size} + {{}}]")
             size += -(-symbols.numel() // 8) * 8  # whole lines of 64 bytes
+        if call.kernel.reads:
+            starts.append(f"d + {program.history(call)[1]}")
         called.append(f"  {kernels[id(call)]}({', '.join(starts)});")
     written += ["result[{}]", f"w[{size} + {{}}]"]
     found = rerolled(

@@ -78,7 +78,8 @@ TF_EXPORT long long tf_advance(void* work, int method, double numerator, double 
       if (*fault == TF_BAD_STATE) memcpy(bad, s->stepper.steps.next, TF_X * sizeof(tf_number));
       if (*fault == TF_BAD_D) memcpy(bad, d, TF_D * sizeof(tf_number));
       if (*fault == TF_BAD_INDICATOR) memcpy(bad, s->stepper.g, TF_EVENTS * sizeof(tf_number));
-      if (*fault == TF_ENDLESS || *fault == TF_BAD_LOOP || *fault == TF_ENDED) bad[0] = t + (tf_number){0};
+      if (*fault == TF_ENDLESS || *fault == TF_BAD_LOOP || *fault == TF_ENDED || *fault == TF_FULL)
+        bad[0] = t + (tf_number){0};
       return k;
     }
   }

@@ -56,8 +56,8 @@ class Leaves:
         States and modes, held outputs of sampled blocks, and parameters, by block path.
     fired, sides : BlockSignals
         Triggered events, and signs of the event indicators, by block path.
-    guesses : BlockSignals
-        Initial guesses of the signals of algebraic loops, by block path.
+    guesses, histories : BlockSignals
+        Initial guesses of the signals of algebraic loops, and stored inputs, by block path.
     """
 
     t: Array
@@ -67,6 +67,7 @@ class Leaves:
     fired: BlockSignals
     sides: BlockSignals
     guesses: BlockSignals
+    histories: BlockSignals
 
 
 @dataclass(eq=False)

@@ -1,17 +1,18 @@
 /* Steps with the events in them, for simulations (driver.c), native FMUs and plain C; stands behind
    fixed_step.h. The twin in Python is `EventWatch` in blocks/simulation/events.py: what changes here changes
-   there. TF_EVENTS, TF_MODES, TF_LOOPS and TF_D, the numbers of events, of modes, of signals of algebraic loops that
-   are iterated and of what is in d, are defined before. In d, modes come first; at `sides` it says on which
-   side of zero each indicator is, behind that which events happen now, then what the loops were solved by.
+   there. TF_EVENTS, TF_MODES, TF_LOOPS, TF_STORED and TF_D, the numbers of events, of modes, of signals of
+   algebraic loops that are iterated, of stored signals and of what is in d, are defined before. In d, modes come
+   first; at `sides` it says on which side of zero each indicator is, behind that which events happen now, then what
+   the loops were solved by, then the histories of stored signals, see history.h.
 
    A side is 1 or -1; a half of that where the indicator is at zero, or as good as, and belongs to that side
    all the same, a quarter where it turned back at its event, and may be beyond zero by round-off; 0 where
    nothing is known. */
 
-enum { TF_FINE, TF_BAD_STATE, TF_BAD_D, TF_BAD_INDICATOR, TF_ENDLESS, TF_BAD_LOOP, TF_STUCK, TF_ENDED };
+enum { TF_FINE, TF_BAD_STATE, TF_BAD_D, TF_BAD_INDICATOR, TF_ENDLESS, TF_BAD_LOOP, TF_STUCK, TF_ENDED, TF_FULL };
 
 typedef struct {
-  tf_program derivative, indicators, on_event, guesses;
+  tf_program derivative, indicators, on_event, guesses, stored;
   const signed char* kinds; /* 1: rising, -1: falling, 0: both, 2: the indicator is a time, 3: rising, and ends the run */
   int sides;
 } tf_model;
@@ -53,8 +54,54 @@ static int tf_keep(const tf_model* m, double t, const tf_number* x, tf_number* d
 }
 
 #if TF_EVENTS
-#define TF_MODEL_OF(program, kinds, sides) \
-  {program(derivative), program(indicators), program(on_event), TF_GUESSES(program), kinds, sides}
+#if TF_STORED
+#define TF_STORED_OF(program) program(stored)
+#define TF_HEADER 4 /* numbers before the points of a history, see history.h */
+
+/* Store a point of a signal; false if a point is lost that is needed. The twin in Python is in history.py. */
+static int tf_store(double* h, double t, const double* values) {
+  const long long count = (long long)h[0], room = (long long)h[1];
+  const int size = (int)h[2], width = 2 + size;
+  double *ring = h + TF_HEADER, *point = ring + count % room * width, piece = 1.0;
+  if (count) {
+    double *last = ring + (count - 1) % room * width, moved = 0.0, largest = 0.0;
+    piece = last[1];
+    if (t - last[0] <= 1e-9 * h[3]) {
+      for (long long i = count; i > 0 && i > count - 4 && ring[(i - 1) % room * width + 1] == piece; --i)
+        for (int e = 2; e < width; ++e) largest = fmax(largest, fabs(ring[(i - 1) % room * width + e]));
+      for (int e = 0; e < size; ++e) moved = fmax(moved, fabs(values[e] - last[2 + e]));
+      if (!(moved > 1e-7 * largest)) return 1;
+      /* a piece of one point at this time has no length: the new value replaces it */
+      if (count == 1 || ring[(count - 2) % room * width + 1] != piece) {
+        memcpy(last + 2, values, size * sizeof *values);
+        return 1;
+      }
+      piece += 1.0;
+    }
+  }
+  int needed = count >= room && ring[(count + 2) % room * width] > t - h[3];
+  point[0] = t, point[1] = piece, h[0] += 1.0;
+  memcpy(point + 2, values, size * sizeof *values);
+  return !needed;
+}
+
+/* Store the signals of time t, and before these those just before t if `before`. */
+static int tf_record(const tf_model* m, double t, int before, const double* x, double* d, const double* p) {
+  double values[TF_STORED];
+  for (; before >= 0; --before) {
+    double at = before ? tf_just_before(t) : t, *h = d + m->sides + 2 * TF_EVENTS + TF_LOOPS;
+    m->stored(&at, x, d, p, values);
+    for (int i = 0; i < TF_STORED; i += (int)h[2], h += TF_HEADER + (long long)h[1] * (2 + (long long)h[2]))
+      if (!tf_store(h, t, values + i)) return TF_FULL;
+  }
+  return TF_FINE;
+}
+#else
+#define TF_STORED_OF(program) 0
+#endif
+#define TF_MODEL_OF(program, kinds, sides)                                              \
+  {program(derivative), program(indicators),  program(on_event), TF_GUESSES(program), \
+   TF_STORED_OF(program), kinds, sides}
 #define TF_PLACE 2.220446049250313e-16 /* the last place of a number, relative to it */
 
 static inline double tf_size_of(double t) { return t < 0.0 ? -t : t; }
@@ -98,6 +145,10 @@ static int tf_mark(const tf_model* m, const tf_stepper* s, double t, tf_number* 
 static int tf_settle(const tf_model* m, tf_stepper* s, double t, double h, int located, tf_number* x,
                      tf_number* d, const tf_number* p) {
   double *side = d + m->sides, *fired = side + TF_EVENTS, *ahead = s->start;
+#if TF_STORED
+  if (tf_record(m, t, located, x, d, p) != TF_FINE) return TF_FULL;
+  if (!tf_indicate(m, s, t, x, d, p)) return TF_BAD_INDICATOR;
+#endif
   for (;; located = 0) {
     int any = tf_mark(m, s, t, d);
     for (int i = 0; i < TF_EVENTS; ++i)
@@ -127,6 +178,9 @@ static int tf_settle(const tf_model* m, tf_stepper* s, double t, double h, int l
     memcpy(x, s->after, TF_X * sizeof(tf_number));
     memcpy(d, s->after + TF_X, TF_MODES * sizeof(tf_number));
     if (!tf_sound(d)) return TF_BAD_D;
+#if TF_STORED
+    if (tf_record(m, t, 0, x, d, p) != TF_FINE) return TF_FULL;
+#endif
     if (!tf_indicate(m, s, t, x, d, p)) return TF_BAD_INDICATOR;
     if (located) { /* where do they go from here? */
       double soon = t + 1e-6 * h, *g = s->g;
@@ -147,7 +201,7 @@ static int tf_settle(const tf_model* m, tf_stepper* s, double t, double h, int l
   }
 }
 #else
-#define TF_MODEL_OF(program, kinds, sides) {program(derivative), 0, 0, TF_GUESSES(program), kinds, sides}
+#define TF_MODEL_OF(program, kinds, sides) {program(derivative), 0, 0, TF_GUESSES(program), 0, kinds, sides}
 #endif
 
 #if TF_EVENTS

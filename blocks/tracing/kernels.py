@@ -108,6 +108,10 @@ class Kernel:
     near : callable or None
         Returns an expression with the derivatives of such a `function`, valid if the beginning of its
         input is the result already.
+    reads : callable or None
+        For a `function` that reads a history: its first input is the first number of the history in d, or
+        in the arguments of a single block. Returns the function of the inputs, followed by so many
+        numbers from there on. In the C source they are the array ``d``.
     """
 
     function: ca.Function
@@ -116,6 +120,7 @@ class Kernel:
     template: tuple[float | int, ...] = ()
     source: str = ""
     near: Callable[[], ca.Function] | None = None
+    reads: Callable[[int], ca.Function] | None = None
 
 
 @dataclass(frozen=True, eq=False)

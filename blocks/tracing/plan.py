@@ -3,11 +3,12 @@
 All functions take ``(t, x, d, p)``: time, continuous states, discrete data, and parameters. The discrete
 data d change only at instants. They are modes, discrete states, held outputs of sampled blocks and Python
 blocks, signs of event indicators, triggered events, last solutions of iterated loops (the next initial
-guesses), and external inputs, in this order.
+guesses), histories, and external inputs, in this order.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
@@ -16,7 +17,7 @@ import numpy as np
 
 from trussflow.blocks.errors import NameLookupError
 from trussflow.blocks.framework.block import Block, check_kind
-from trussflow.blocks.framework.declarations import KINDS, Event, Mode
+from trussflow.blocks.framework.declarations import KINDS, Event, History, Mode
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.external_inputs import External
@@ -29,11 +30,20 @@ from trussflow.blocks.support.validation import by_name, finite_array
 from trussflow.blocks.tracing.algebraic_loops import AlgebraicLoops
 from trussflow.blocks.tracing.block_check import SharedResults, isolate
 from trussflow.blocks.tracing.evaluation import Evaluation, Leaves
+from trussflow.blocks.tracing.history import empty
 from trussflow.blocks.tracing.initial_states import set_from_inputs
-from trussflow.blocks.tracing.kernels import column_of, from_expression, tracing
+from trussflow.blocks.tracing.kernels import (
+    column_of,
+    from_expression,
+    is_traced,
+    tracing,
+)
 from trussflow.blocks.tracing.program import Program, lower
 from trussflow.blocks.tracing.quantities import Quantity
 from trussflow.blocks.tracing.sorted_order import Active, Stage, laid_out, order
+
+DEFAULT_POINTS = 1000
+"""Largest number of stored points of a signal with variable steps [-]."""
 
 
 class Plan:
@@ -43,15 +53,18 @@ class Plan:
     ----------
     diagram : Diagram or System
         Diagram to simulate.
+    step : float or None
+        Length of the steps of runs [s], infinite if it is not fixed; None if there are no runs, so that
+        histories have no points.
 
     Attributes
     ----------
     x, p : Layout
         Order of continuous states and of parameters.
-    modes, memory, held, sides, fired, guesses, u : Layout
+    modes, memory, held, sides, fired, guesses, histories, u : Layout
         Parts of d: modes, discrete states, held outputs of sampled blocks and Python blocks, signs of event
-        indicators, triggered events, last solutions of iterated loops (the next initial guesses), external
-        inputs. ``events.h`` depends on the order from `sides` to `guesses`.
+        indicators, triggered events, last solutions of iterated loops (the next initial guesses), stored
+        inputs, external inputs. ``events.h`` depends on the order from `sides` to `histories`.
     stored : tuple of Layout
         Layouts of data with initial values: x, modes and memory.
     sampled : slice
@@ -73,7 +86,7 @@ class Plan:
         If the equations of a block cannot be traced.
     """
 
-    def __init__(self, diagram: Diagram | System) -> None:
+    def __init__(self, diagram: Diagram | System, step: float | None = None) -> None:
         self.system = diagram if isinstance(diagram, System) else flatten(diagram)
         self.name = self.system.root.name
         blocks = self.system.blocks
@@ -132,6 +145,7 @@ class Plan:
         self.python_blocks = [
             b for b in blocks.values() if not b.traced and not isinstance(b, External)
         ]
+        self._empty = _empty_histories(blocks, step)
         self._orders: dict[tuple[Active, bool], list[Stage]] = {}
         self.stored = self.x, self.modes, self.memory
         self.sampled = slice(self.memory.span.start, self.held.span.stop)
@@ -144,11 +158,15 @@ class Plan:
         self.order(frozenset())
 
     def _lay_out_rest(self, iterated: Iterable[Port]) -> None:
-        """Lay out the end of d: guesses of the iterated outputs, and external inputs."""
+        """Lay out the end of d: guesses of the iterated outputs, histories, and external inputs."""
         ports = sorted(iterated, key=lambda port: port.path)
         self.guesses = laid_out(ports, self.fired.span.stop)
+        self.histories = Layout(
+            [(*key, history.shape) for key, history in self._empty.items()],
+            self.guesses.span.stop,
+        )
         external = self.system.external.values()
-        self.u_start = self.guesses.span.stop
+        self.u_start = self.histories.span.stop
         self.u = Layout([(b.path, "y", b.extent) for b in external], self.u_start)
         self.d_size = self.u.span.stop
 
@@ -156,7 +174,7 @@ class Plan:
     def layouts(self) -> tuple[Layout, ...]:
         """Layouts of x, of the parts of d, and of p."""
         parts = self.modes, self.memory, self.held, self.sides, self.fired
-        return self.x, *parts, self.guesses, self.u, self.p
+        return self.x, *parts, self.guesses, self.histories, self.u, self.p
 
     def place(self, path: str, name: str) -> slice:
         """Return the slice of (x, d) with the array `name` of the block at `path`."""
@@ -266,6 +284,8 @@ class Plan:
         for port, value in self.loops.starts.items():
             if place := self.guesses.entries.get((port.block.path, port.name)):
                 self.guesses.put(d, place.path, place.name, value)
+        for key, history in self._empty.items():
+            self.histories.put(d, *key, history)
         for source in self.system.external.values():
             self.u.put(d, source.path, "y", source.start_value())
         overrides = by_name("initial states", overrides)
@@ -326,14 +346,19 @@ class Plan:
         self.x.unpack(x, make, states)
         self.modes.unpack(d, make, states)
         self.u.unpack(d, make, held)
-        others = (self.fired, self.sides, self.guesses)
-        return Leaves(
+        others = (self.fired, self.sides, self.guesses, self.histories)
+        leaves = Leaves(
             make(t, ()),
             states,
             held,
             self.p.unpack(p, make),
             *(layout.unpack(d, make) for layout in others),
         )
+        for path, histories in leaves.histories.items():
+            for name, whole in histories.items():
+                # Traced, the first number stands for the history.
+                states[path][name] = whole[0] if is_traced(whole) else whole
+        return leaves
 
     def symbols(self) -> list[ca.SX]:
         """Return new symbols for t, x, d and p."""
@@ -369,3 +394,34 @@ class Plan:
                 column = column_of(quantity.collect(evaluated[active]))
                 programs.append(lower(quantity.name, symbols, column, trace))
         return programs
+
+
+def _empty_histories(
+    blocks: Mapping[str, Block], step: float | None
+) -> dict[tuple[str, str], Vector]:
+    """Return the histories of `blocks` by path and name, without points; for `step` [s] see `Plan`."""
+    declared = {
+        (path, name): (block, each)
+        for path, block in blocks.items()
+        for name, each in block.declared(History).items()
+    }
+    # Steps are as short as the shortest delay needs.
+    finest = min(
+        [
+            math.inf if step is None else step,
+            *(getattr(block, each.step) for block, each in declared.values()),
+        ]
+    )
+    found = {}
+    for key, (block, each) in declared.items():
+        longest = getattr(block, each.longest)
+        room = getattr(block, "points", None)
+        if step is None:
+            room = 0
+        elif room is None and math.isinf(step):
+            room = DEFAULT_POINTS
+        elif room is None:
+            # Signals may jump at each step, and events divide steps.
+            room = 4 * math.ceil(longest / finest) + 20
+        found[key] = empty(room, block.ports[each.of].size, longest)
+    return found

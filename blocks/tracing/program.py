@@ -77,7 +77,7 @@ class Program:
         return [*parts, self._straight(self.name, leaves, [self.result])]
 
     def evaluated(
-        self, arguments: Iterable[Any], kernel: Callable[[Kernel, Any], Any]
+        self, arguments: Iterable[Any], kernel: Callable[[KernelCall, Any], Any]
     ) -> Any:
         """Return the result for other arguments.
 
@@ -86,18 +86,18 @@ class Program:
         arguments : iterable of casadi.SX or casadi.MX
             One column for each input.
         kernel : callable
-            Takes a kernel and its inputs, one column per instance, and returns its results.
+            Takes a kernel call and its inputs, one column per instance, and returns its results.
         """
         *parts, last = self.parts
         values = list(arguments)
         for part, call in zip(parts, self.calls, strict=True):
-            values.append(ca.vec(kernel(call.kernel, part(*values))))
+            values.append(ca.vec(kernel(call, part(*values))))
         return last(*values)
 
     @cached_property
     def function(self) -> ca.Function:
         """The program as a CasADi function of its inputs."""
-        return self._function(lambda kernel: kernel.function)
+        return self._function(None)
 
     @cached_property
     def expanded(self) -> ca.Function:
@@ -109,15 +109,32 @@ class Program:
             return self.function
         return self._function(lambda k: k.near() if k.near else k.function).expand()
 
-    def _function(self, of: Callable[[Kernel], ca.Function]) -> ca.Function:
-        """Return the program as a CasADi function with the function `of` each kernel."""
+    def history(self, call: KernelCall) -> tuple[int, int]:
+        """Return the number of the input with the history that a kernel reads, and its place there."""
+        first: Any = call.inputs[0]
+        for number, column in enumerate(self.inputs):
+            elements: list[Any] = column.elements()
+            hashes = [element.element_hash() for element in elements]
+            if first.element_hash() in hashes:
+                return number, hashes.index(first.element_hash())
+        raise ValueError("a history is not among the arguments")
+
+    def _function(self, of: Callable[[Kernel], ca.Function] | None) -> ca.Function:
+        """Return the program as a CasADi function with the function `of` each kernel, or its own."""
         if not self.calls:
             return self.parts[0]
         inputs = [ca.MX.sym(f"i{k}", s.numel()) for k, s in enumerate(self.inputs)]
-        result = self.evaluated(
-            inputs, lambda kernel, given: of(kernel).map(given.size2())(given)
-        )
-        return ca.Function(self.name, inputs, [result])
+
+        def result(call: KernelCall, given: ca.MX) -> ca.MX:
+            kernel = call.kernel
+            if of is None and kernel.reads is not None:
+                number, place = self.history(call)
+                history = inputs[number][place:]
+                return kernel.reads(history.numel())(ca.vertcat(given, history))
+            function = kernel.function if of is None else of(kernel)
+            return function.map(given.size2())(given)
+
+        return ca.Function(self.name, inputs, [self.evaluated(inputs, result)])
 
     def _straight(
         self, name: str, inputs: Sequence[ca.SX], results: Sequence[ca.SX]

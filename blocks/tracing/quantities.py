@@ -95,6 +95,7 @@ def sample(number: int, active: Active) -> Quantity:
             *(leaves.sides[e.path][e.name] for e in plan.sides),
             *(np.zeros(e.shape) for e in plan.fired),
             *guesses().collect(evaluation),
+            *(leaves.histories[e.path][e.name] for e in plan.histories),
             *(leaves.held[e.path][e.name] for e in plan.u),
         ]
 
@@ -115,6 +116,19 @@ def guesses() -> Quantity:
         ]
 
     return Quantity("guesses", frozenset(), collect)
+
+
+def stored() -> Quantity:
+    """Return the quantity of the signals with a history."""
+
+    def collect(evaluation: Evaluation) -> list[Array]:
+        blocks = evaluation.plan.system.blocks
+        return [
+            evaluation.value(blocks[e.path].port(blocks[e.path]._declared[e.name].of))
+            for e in evaluation.plan.histories
+        ]
+
+    return Quantity("stored", frozenset(), collect)
 
 
 def after_events() -> Quantity:

@@ -58,6 +58,6 @@ class TracedBlock:
         """
         column = self.program.evaluated(
             expressions(arguments),
-            lambda kernel, inputs: call_kernel(kernel, inputs).symbols,
+            lambda call, inputs: call_kernel(call.kernel, inputs).symbols,
         )
         return self.results.unpack(column, from_expression)

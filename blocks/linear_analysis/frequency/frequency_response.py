@@ -76,17 +76,21 @@ def frequency_response(
     factors = np.outer(1j * omega, np.ones(size))
     with LocalJacobians(model, point.time, p) as local:
         rates, rows = local.linear(x, d)
-        by_all = local.python_outputs(x, d)
-        for call, quantity in local.continuous:
-            delay = call.block
-            if not isinstance(delay, TransportDelay):
-                continue
-            by_inputs = local.substituted(local.matrix(quantity.name, x, d), by_all)
-            # The shortest v with C_p v = 1; the output is the same for each.
-            v = delay.C[:, None] / (delay.C @ delay.C)
-            rates[call.states] = np.kron(v, by_inputs[: delay.size])
-            turns = np.exp(1j * omega * delay.delay)
-            factors[:, call.states] = turns[:, None]
+    for path, delay in model.plan.system.blocks.items():
+        if not isinstance(delay, TransportDelay):
+            continue
+        # Rates (A_p z + B_p u) / tau of the approximant; the chain rule gave u by (x, d).
+        states = model.plan.x.span_of(path)
+        by_inputs = delay.delay * rates[states]
+        by_inputs[:, states] -= np.kron(delay.A, np.eye(delay.size))
+        by_inputs = (
+            np.kron(delay.B / (delay.B @ delay.B), np.eye(delay.size)) @ by_inputs
+        )
+        # The shortest v with C_p v = 1; the output is the same for each.
+        v = delay.C[:, None] / (delay.C @ delay.C)
+        rates[states] = np.kron(v, by_inputs)
+        turns = np.exp(1j * omega * delay.delay)
+        factors[:, states] = turns[:, None]
     columns = model.input_columns
     A, B = rates[:, :size], rates[:, columns]
     C, D = rows[:, :size], rows[:, columns]

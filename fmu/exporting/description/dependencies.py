@@ -51,7 +51,7 @@ def dependencies(plan: Plan, programs: Mapping[str, Program]) -> Dependencies:
     programs : mapping of Program
         Programs by name: ``derivative`` returns dx/dt, ``outputs`` all outputs, ``initialization`` the
         initialized (x, modes, memory). ``indicators`` and ``on_event`` exist with events, ``guesses``
-        with algebraic loops. Further programs return d after a set of clocks has ticked.
+        with algebraic loops, ``stored`` with histories. Further programs return d after a set of clocks has ticked.
     """
     patterns = {
         name: np.hstack(sparsity(program)) for name, program in programs.items()
@@ -60,7 +60,7 @@ def dependencies(plan: Plan, programs: Mapping[str, Program]) -> Dependencies:
     # No outputs or derivatives: these only decide which parameters are tunable.
     events = [
         patterns.pop(name)
-        for name in ("indicators", "on_event", "guesses")
+        for name in ("indicators", "on_event", "guesses", "stored")
         if name in patterns
     ]
     # Columns are the concatenated arguments t, x, d, p: starts of d and p, and the known columns.

@@ -28,6 +28,7 @@ from trussflow.blocks.tracing.quantities import (
     indicators,
     outputs,
     sample,
+    stored,
 )
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.dependencies import Dependencies, dependencies
@@ -65,7 +66,7 @@ class ExportInterface:
         Dependencies between the variables.
     programs : dict of Program
         Programs by name: derivative, outputs, initialization, sample_1 and so on; with events also
-        indicators and on_event; with algebraic loops also guesses.
+        indicators and on_event; with algebraic loops also guesses, with histories also stored.
     step, stop_time, tolerance : float
         Step size of fixed-step solvers [s], stop time [s] and tolerance [-] of the default experiment.
     token : str
@@ -134,7 +135,7 @@ class ExportInterface:
             If the equations of a block cannot be traced.
         """
         _check(item, step=step, stop_time=stop_time, tolerance=tolerance)
-        plan = Plan(flatten(item, external=True))
+        plan = Plan(flatten(item, external=True), step)
         _check_initialization(item, plan)
         ports = [resolved(port) for port in item.outputs()]
         try:
@@ -148,6 +149,7 @@ class ExportInterface:
         ]
         events = [indicators(), after_events()] if plan.has_events else []
         events += [guesses()] if plan.guesses.size else []
+        events += [stored()] if plan.histories.size else []
         try:
             traced = plan.trace(
                 [derivative(), outputs(ports), initialization(), *events, *samples]
@@ -223,8 +225,8 @@ def _check_initialization(item: Block, plan: Plan) -> None:
         if loads or block.states_own("initial_state"):
             raise ExportError(
                 f"cannot export '{item.name}': '{block.path}' ({type(block).__name__}) runs or initializes "
-                "itself by code that cannot be traced; leave that block out. sampled_delay(sample_time, delay) "
-                "can replace a delay; for diagrams of FMUs there is trussflow.fmu.ssp.export_ssp"
+                "itself by code that cannot be traced; leave that block out. For diagrams of FMUs there is "
+                "trussflow.fmu.ssp.export_ssp"
             )
 
 

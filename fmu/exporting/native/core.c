@@ -254,7 +254,7 @@ static tf_status tf_enter_continuous(tf_instance* c) {
     return tf_refuse(c, TF_ERROR, "a sampled value is not finite at time %.9g", c->s.time);
   tf_plan_event(c);
   tf_touch(c);
-  tf_keep_loops(c); /* no check: derivatives are not finite if a loop has no solution */
+  tf_complete(c); /* no check: derivatives are not finite if a loop has no solution */
   return tf_enter(c, TF_CONTINUOUS);
 }
 

@@ -76,7 +76,9 @@ FUNCTION(EnterEventMode, (FMI(Instance) instance), TF_EVENT | TF_CONTINUOUS, tf_
 FUNCTION(EnterContinuousTimeMode, (FMI(Instance) instance), TF_EVENT, tf_enter_continuous(c))
 FUNCTION(CompletedIntegratorStep,
          (FMI(Instance) instance, FMI(Boolean) no_set, FMI(Boolean)* event, FMI(Boolean)* terminate),
-         TF_CONTINUOUS, (*event = *terminate = FMI(False), tf_keep_loops(c), TF_OK))
+         TF_CONTINUOUS,
+         (*event = *terminate = FMI(False),
+          tf_complete(c) == TF_FULL ? tf_event_fault(c, TF_FULL, c->s.time) : TF_OK))
 FUNCTION(SetTime, (FMI(Instance) instance, FMI(Float64) time), TF_EVENT | TF_CONTINUOUS,
          tf_set_time(c, time))
 FUNCTION(SetContinuousStates, (FMI(Instance) instance, const FMI(Float64) x[], size_t n),

@@ -53,7 +53,8 @@ def native_files(
     exchange = dict(CAPABILITY_FLAGS[version])
     simulation = exchange | {"canHandleVariableCommunicationStepSize": "true"}
     # Algebraic loops need the completed step: their solution there starts the next iteration.
-    completed = interface.plan.guesses.size > 0
+    # Histories of signals store a point there.
+    completed = interface.plan.guesses.size + interface.plan.histories.size > 0
     if version == "3.0" and completed:
         exchange["needsCompletedIntegratorStep"] = "true"
     # The two versions state opposite flags: not needed, and needed.

@@ -105,12 +105,17 @@ static tf_status tf_event_fault(tf_instance* c, int fault, double t) {
       "an event indicator is not a number",
       "events without end: a time event that does not move on, modes that call each other "
       "back, or events that follow each other ever faster",
-      "an algebraic loop cannot be solved"};
+      "an algebraic loop cannot be solved", "", "", "a delay has no room for more points: export it with more"};
   return tf_refuse(c, TF_DISCARD, "%s at time %.9g", why[fault], t);
 }
 
-static int tf_keep_loops(tf_instance* c) {
+/* Keep what the end of a step gives: solutions of algebraic loops, and points of histories. */
+static int tf_complete(tf_instance* c) {
   const tf_model m = TF_MODEL_OF(TF_OWN, tf_kinds, TF_SIDES);
+#if TF_STORED
+  int fault = tf_record(&m, tf_now(c), 0, c->s.x, c->s.d, c->s.p);
+  if (fault != TF_FINE) return fault;
+#endif
   return tf_keep(&m, tf_now(c), c->s.x, c->s.d, c->s.p);
 }
 

@@ -10,14 +10,7 @@ from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 from systems import ports
 
-from trussflow.blocks import (
-    Constant,
-    Diagram,
-    Integrator,
-    PythonFunction,
-    Session,
-    TransportDelay,
-)
+from trussflow.blocks import Constant, Diagram, Integrator, PythonFunction, Session
 from trussflow.blocks.tracing import compiler
 from trussflow.fmu import ExportError, Fmu, export
 from trussflow.fmu.__main__ import main
@@ -80,12 +73,6 @@ def python_diagram():
             "kind='native' contains the solver rk4, not 'euler'",
         ),
         (python_diagram, "x.fmu", {}, r"'double' \(PythonFunction\) runs Python code"),
-        (
-            lambda: TransportDelay(0.1),
-            "x.fmu",
-            {},
-            r"\(TransportDelay\) runs or .* sampled_delay\(sample_time, delay\) can replace a delay",
-        ),
         (
             Integrator,
             "x.fmu",

@@ -23,6 +23,7 @@ from trussflow.blocks import (
     Sine,
     State,
     Step,
+    TransportDelay,
     UnitDelay,
     ZeroOrderHold,
     enabled,
@@ -360,6 +361,29 @@ def grouped():
     return exposed(diagram, group.y)
 
 
+def delayed_oscillator():
+    """Delay what the relay of an oscillator says."""
+    diagram = Diagram("delayed oscillator")
+    relay, late, integral = diagram.add(
+        relay=Relay(), late=TransportDelay(0.25), integral=Integrator()
+    )
+    relay >> late >> integral >> relay
+    return exposed(diagram, integral.y)
+
+
+def delayed_samples():
+    """Delay a step behind a sampler, and integrate it."""
+    diagram = Diagram("delayed samples")
+    jump, hold, late, integral = diagram.add(
+        jump=Step(0.6, final_value=2.0),
+        hold=ZeroOrderHold(0.5),
+        late=TransportDelay(0.33, 1.0),
+        integral=Integrator(),
+    )
+    jump >> hold >> late >> integral
+    return exposed(diagram, integral.y)
+
+
 def bent(integral, relay):
     roots = np.roots([1, 0, 1, -2 * integral - relay / 2])
     return roots[np.isreal(roots)].real[0]
@@ -425,6 +449,12 @@ CASES = [
         "many rates", many_rates, {0.2: 0.0, 0.6: 0.26, 1.1: 0.78, 5.7: 5.46, 6.0: 5.72}
     ),
     Case(
+        "a delayed relay",
+        delayed_oscillator,
+        {0.2: 0.0, 0.9: 0.65, 1.2: 0.55, 2.4: -0.65, 4.2: 0.55, 10.6: 0.15},
+    ),
+    Case("delayed jumps", delayed_samples, {0.3: 0.3, 1.2: 0.33, 1.5: 0.67, 2.0: 1.67}),
+    Case(
         "several rates", multirate, {0.2: 0.0, 0.4: 1.0, 0.6: 1.0, 0.8: 2.0, 1.1: 4.0}
     ),
 ]
@@ -454,15 +484,21 @@ ORDINARY = {
         "stick and slip",
         "an input jumps",
     ),
-    "test_native_fmus": NAMES[::4],
+    "test_native_fmus": [*NAMES[::4], "a delayed relay", "delayed jumps"],
     "test_native_fmus_of_fmi_2": (
         "stick and slip",
         "event at a sample",
         "time events",
         "enabled group",
+        "a delayed relay",
     ),
     "test_a_foreign_importer": ("bouncing ball", "simultaneous events"),
-    "test_python_fmus": ("bouncing ball", "time events", "enabled group"),
+    "test_python_fmus": (
+        "bouncing ball",
+        "time events",
+        "enabled group",
+        "a delayed relay",
+    ),
 }
 """Cases that these tests always run; the campaign runs them with the others."""
 

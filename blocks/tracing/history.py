@@ -1,0 +1,178 @@
+"""Histories of signals: the points that a run stores in d, their search, and interpolation between them.
+
+The layout of a history in d, and the search in C, are in ``history.h``; ``events.h`` stores points in C.
+"""
+
+from __future__ import annotations
+
+from functools import cache, partial
+
+import casadi as ca
+import numpy as np
+
+from trussflow.blocks.support.types import Array, Vector
+from trussflow.blocks.tracing.c_function import NumPyFunction, c_kernel
+from trussflow.blocks.tracing.kernels import (
+    Kernel,
+    call_kernel,
+    column_of,
+    from_expression,
+    is_traced,
+)
+from trussflow.blocks.tracing.operations import c_file
+
+HEADER_SIZE = 4
+"""Count of the numbers before the points, as in history.h [-]."""
+
+NO_POINT = 1e100
+"""Time of a missing point, as in history.h [s]."""
+
+TIME_TOLERANCE, JUMP_TOLERANCE = 1e-9, 1e-7
+"""Tolerance of equal times, relative to the delay; smallest relative change at equal times that is a jump.
+
+As in events.h.
+"""
+
+
+def empty(room: int, size: int, longest: float) -> Vector:
+    """Return a history without points.
+
+    Parameters
+    ----------
+    room : int
+        Largest number of points [-].
+    size : int
+        Size of the signal [-].
+    longest : float
+        Longest time for which points are needed [s].
+    """
+    header = [0.0, room, size, longest]
+    return np.concatenate([header, np.zeros(room * (2 + size))])
+
+
+def store(history: Vector, t: float, values: Vector) -> None:
+    """Store the `values` of a signal at time `t` [s] in its `history`; see ``tf_store`` in ``events.h``."""
+    count, room, _, longest = history[:HEADER_SIZE]
+    ring = history[HEADER_SIZE:].reshape(int(room), -1)
+    number, piece = int(count), 1.0
+    if number:
+        last = ring[(number - 1) % len(ring)]
+        piece = last[1]
+        if t - last[0] <= TIME_TOLERANCE * longest:
+            near = [ring[i % len(ring)] for i in range(max(0, number - 4), number)]
+            size = max(np.abs(p[2:]).max(initial=0.0) for p in near if p[1] == piece)
+            if not np.abs(values - last[2:]).max(initial=0.0) > JUMP_TOLERANCE * size:
+                return
+            # A piece of one point at this time has no length: the new value replaces it.
+            if number == 1 or ring[(number - 2) % len(ring)][1] != piece:
+                last[2:] = values
+                return
+            piece += 1.0
+    ring[number % len(ring)] = [t, piece, *values]
+    history[0] += 1.0
+
+
+def too_short(history: Vector) -> bool:
+    """Return whether a point that is needed was replaced in a `history`."""
+    number, room, _, longest = history[:HEADER_SIZE]
+    times = history[HEADER_SIZE:].reshape(int(room), -1)[:, 0]
+    oldest, last = (times[int(i % room)] for i in (number + 1, number - 1))
+    return bool(number > room and oldest > last - longest)
+
+
+def count(history: Array) -> Array:
+    """Return the number of points stored so far; traced, a history is only this number."""
+    return np.reshape(history, (-1,))[0]
+
+
+def search(history: Array, size: int, piece: Array, t: Array) -> Array:
+    """Return what the points around a time tell: a column.
+
+    They are the first time of the next piece and the last time of all (infinite if there is none), and the
+    times and values of four points of the piece, two on each side of `t`. A missing point has a time so large
+    that its weight is zero.
+
+    Parameters
+    ----------
+    history : array
+        The history, as a block reads it.
+    size : int
+        Size of the signal [-].
+    piece : array, shape ()
+        Number of the piece, from 1 [-].
+    t : array, shape ()
+        Time [s].
+    """
+    if is_traced(history):
+        call = call_kernel(_kernel(size), column_of([history, piece, t]))
+        return from_expression(call.symbols, (6 + 4 * size,))
+    return _searched(size, np.array([0.0, piece, t]), np.ravel(history))
+
+
+def interpolated(found: Array, t: Array, shape: tuple[int, ...]) -> Array:
+    """Return the signal of a `shape` at time `t` [s], by Lagrange's cubic in the points `found` by `search`."""
+    times, values = found[2:6], np.reshape(found[6:], (4, -1))
+    total = 0.0
+    for i in range(4):
+        weight = 1.0
+        for j in range(4):
+            if j != i:
+                weight = weight * ((t - times[j]) / (times[i] - times[j]))
+        total = total + weight * values[i]
+    return np.reshape(total, shape)
+
+
+def _searched(size: int, given: Vector, history: Vector) -> Vector:
+    """Return the results of `search` in NumPy; the same as in history.h."""
+    _, piece, t = given
+    points = np.zeros((0, 2 + size))
+    if history.size > HEADER_SIZE:
+        number, room = int(history[0]), int(history[1])
+        ring = history[HEADER_SIZE : HEADER_SIZE + room * (2 + size)].reshape(
+            room, 2 + size
+        )
+        points = ring[np.arange(max(0, number - room), number) % room]
+    own = points[:, 1] == piece
+    begin = int(np.count_nonzero(points[:, 1] < piece))
+    end = begin + int(np.count_nonzero(own))
+    k = min(begin + int(np.count_nonzero(own & (points[:, 0] <= t))), end - 1)
+    result = np.zeros(6 + 4 * size)
+    result[0] = points[end, 0] if end < len(points) else np.inf
+    result[1] = points[-1, 0] if len(points) else np.inf
+    result[2:6] = NO_POINT * np.arange(1, 5)
+    for i, place in enumerate(range(k - 2, k + 2)):
+        if begin <= place < end:
+            result[2 + i] = points[place, 0]
+            result[6 + i * size : 6 + (i + 1) * size] = points[place, 2:]
+    return result
+
+
+class _Search(NumPyFunction):
+    """Callback of CasADi for `search`, with the numbers of d from the history on."""
+
+    def __init__(self, size: int, numbers: int) -> None:
+        super().__init__("history", 3 + numbers, 6 + 4 * size)
+        self._size = size
+
+    def value(self, argument: Vector) -> Vector:
+        return _searched(self._size, argument[:3], argument[3:])
+
+
+@cache
+def _kernel(size: int) -> Kernel:
+    """Return the kernel of `search`; stored points do not depend on the states, so its derivative is zero."""
+    reads = cache(partial(_Search, size))
+    return c_kernel(
+        reads(1),
+        c_file("history.h"),
+        "tf_search(d, in[1], in[2], out);",
+        partial(_constant, size),
+        reads,
+    )
+
+
+def _constant(size: int) -> ca.Function:
+    """Return a function with results of `search` that are finite, and not zero, which would hide the time."""
+    found = np.ones(6 + 4 * size)
+    found[2:6] = NO_POINT * np.arange(1, 5)
+    return ca.Function("history_constant", [ca.SX.sym("in", 3)], [ca.SX(ca.DM(found))])
