@@ -90,6 +90,7 @@ from trussflow.blocks.library.tables import GridTable as GridTable
 from trussflow.blocks.library.tables import Table as Table
 from trussflow.blocks.library.tables import TimeTable as TimeTable
 from trussflow.blocks.library.transport_delay import TransportDelay as TransportDelay
+from trussflow.blocks.library.transport_delay import VariableDelay as VariableDelay
 from trussflow.blocks.library.udp import UdpReceive as UdpReceive
 from trussflow.blocks.library.udp import UdpSend as UdpSend
 from trussflow.blocks.linear_analysis.families import linearize_over as linearize_over

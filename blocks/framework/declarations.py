@@ -205,7 +205,7 @@ class History(Declaration):
         Attributes with the longest time for which points are needed, and the longest step [s].
     """
 
-    shape, unit, meaning = (), "", ""
+    shape, unit, meaning, initial = (), "", "", 0.0
 
     def __init__(self, of: str, longest: str, step: str) -> None:
         self.of, self.longest, self.step = of, longest, step

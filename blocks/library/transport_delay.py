@@ -30,6 +30,9 @@ from trussflow.blocks.tracing.history import count, interpolated, search
 MIN_STEPS_PER_DELAY = 5
 """Smallest number of steps in a delay, as the input is stored at steps only [-]."""
 
+SWITCHING_MARGIN = 1e-9
+"""Distance from a jump of the input at which the delayed time has crossed it backwards, in delays [-]."""
+
 MIN_POINTS = 20
 """Smallest room for stored points [-]."""
 
@@ -84,17 +87,29 @@ class TransportDelay(Block):
         unit: Unit = None,
     ) -> None:
         self.delay = finite("TransportDelay", "delay", delay, above=0.0)
-        self.longest_step = self.delay / MIN_STEPS_PER_DELAY
+        self._prepare(self.delay, initial_value, pade, points, unit)
+
+    def _prepare(
+        self,
+        shortest: float,
+        initial_value: npt.ArrayLike,
+        pade: int,
+        points: int | None,
+        unit: Unit,
+    ) -> None:
+        """Check and store the arguments; the delay is stored already, and is at least the `shortest` [s]."""
+        self.longest_step = shortest / MIN_STEPS_PER_DELAY
+        owner = type(self).__name__
         if not is_whole(pade) or not 1 <= pade <= 10:
             raise BlockError(
-                f"'pade' of TransportDelay must be whole, from 1 to 10, not {shown(pade)}"
+                f"'pade' of {owner} must be whole, from 1 to 10, not {shown(pade)}"
             )
         if points is not None and (not is_whole(points) or points < MIN_POINTS):
             raise BlockError(
-                f"'points' of TransportDelay must be whole, from {MIN_POINTS}, not {shown(points)}"
+                f"'points' of {owner} must be whole, from {MIN_POINTS}, not {shown(points)}"
             )
         self.pade, self.points, self.unit = int(pade), points, unit
-        where = "parameter 'initial_value' of TransportDelay"
+        where = f"parameter 'initial_value' of {owner}"
         self.shape = finite_array(where, initial_value).shape
         self.size = prod(self.shape)
         # In units of the delay, so that the matrices are of moderate size; lowest power first.
@@ -105,7 +120,7 @@ class TransportDelay(Block):
         b = [(-1) ** k * comb(n - 1, k) * each[k] for k in range(n)]
         a = [comb(n, k) * each[k] for k in range(n + 1)]
         # `realization` takes the highest power first.
-        self.A, self.B, self.C, _ = realization("TransportDelay", b[::-1], a[::-1])
+        self.A, self.B, self.C, _ = realization(owner, b[::-1], a[::-1])
         super().__init__(initial_value=initial_value)
 
     def initial(self, name: str, p: Signals) -> Vector:
@@ -115,9 +130,13 @@ class TransportDelay(Block):
             return rest
         return super().initial(name, p)
 
+    def _delay(self, u: Signals) -> Array:
+        """Return the delay [s]."""
+        return np.float64(self.delay)
+
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the stored input, or the output of the approximant where nothing is stored."""
-        then = t - self.delay
+        then = t - self._delay(u)
         found = search(x.past, self.size, x.piece, then)
         late = np.where(
             x.piece == 0, p.initial_value, interpolated(found, then, self.shape)
@@ -127,7 +146,7 @@ class TransportDelay(Block):
 
     def derivative(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the rates of the approximant, which are zero in a run."""
-        rates = (self.A @ x.z + np.outer(self.B, u.u)) / self.delay
+        rates = (self.A @ x.z + np.outer(self.B, u.u)) / self._delay(u)
         return {"z": np.where(count(x.past) == 0, rates, 0.0)}
 
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -142,3 +161,75 @@ class TransportDelay(Block):
         """Go to the next piece of the input."""
         found = search(x.past, self.size, x.piece, t - self.delay)
         return {"piece": np.where(t >= found[0] + self.delay, x.piece + 1, x.piece)}
+
+
+class VariableDelay(TransportDelay):
+    r"""Delay a signal by a time that varies, y(t) = u(t - τ(t)), with y0 before the first input.
+
+    It stores and interpolates the input as `TransportDelay` does. A faster growing τ, above 1 s/s, plays the
+    input backwards. Steps are at most a fifth of the shortest delay. Linear models have the Padé approximant of
+    the present delay, also in `frequency_response`.
+
+    Parameters
+    ----------
+    shortest, longest : float
+        Limits of τ, to which the input `tau` is clipped; 0 < shortest <= longest [s].
+    initial_value : array_like
+        y_0 [unit]; its shape is that of the signal.
+    pade : int
+        Order of the approximant [-].
+    points : int, optional
+        Largest number of stored points [-], as for `TransportDelay`.
+    unit : str, tuple of str or None
+        Unit of the signal, or one per element; None leaves it unchecked.
+
+    Raises
+    ------
+    BlockError
+        If a limit or the order is not allowed.
+    """
+
+    tau = Input(unit="s", meaning="τ, the delay")
+    onwards, backwards = Event("rising"), Event("falling")
+    _symbol = Symbol("e^(−τ·s)")
+
+    def __init__(
+        self,
+        shortest: float,
+        longest: float,
+        initial_value: npt.ArrayLike = 0.0,
+        *,
+        pade: int = 6,
+        points: int | None = None,
+        unit: Unit = None,
+    ) -> None:
+        self.shortest = finite("VariableDelay", "shortest", shortest, above=0.0)
+        self.delay = finite("VariableDelay", "longest", longest, minimum=self.shortest)
+        self._prepare(self.shortest, initial_value, pade, points, unit)
+
+    def _delay(self, u: Signals) -> Array:
+        """Return the delay within its limits [s]."""
+        return np.clip(u.tau, self.shortest, self.delay)
+
+    def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
+        """Return how far the delayed time is beyond the ends of the present piece of the input."""
+        then = t - self._delay(u)
+        # Called with a time that does not depend on an input, as a time event must not.
+        found = search(x.past, self.size, x.piece, t)
+        before = search(x.past, self.size, x.piece - 1.0, t)
+        # Later than the other event by a time that is small but not round-off, so that they do not alternate.
+        margin = SWITCHING_MARGIN * self.delay
+        return {
+            "again": found[1] + self.longest_step,
+            "onwards": np.maximum(then - found[0], -self.delay),
+            "backwards": np.maximum(then - before[0], -self.delay) + margin,
+        }
+
+    def on_event(
+        self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals
+    ) -> Values:
+        """Go to the piece of the input at the delayed time."""
+        then = t - self._delay(u)
+        found = search(x.past, self.size, x.piece, then)
+        crossed = np.logical_or(fired.onwards, fired.backwards)
+        return {"piece": np.where(crossed, found[2], x.piece)}

@@ -15,13 +15,12 @@ static const double* tf_point(const tf_history* s, long long i) {
   return s->ring + (i < s->room ? i : i - s->room) * s->width;
 }
 
-/* The number of points in earlier pieces, or in this one at or before t. */
-static long long tf_until(const tf_history* s, double piece, double t) {
+/* The number of points whose time (column 0) or piece (column 1) is at most a value; both never decrease. */
+static long long tf_until(const tf_history* s, int column, double value) {
   long long low = 0, high = s->kept;
   while (low < high) {
     long long middle = (low + high) / 2;
-    const double* point = tf_point(s, middle);
-    if (point[1] < piece || (point[1] == piece && point[0] <= t))
+    if (tf_point(s, middle)[column] <= value)
       low = middle + 1;
     else
       high = middle;
@@ -30,15 +29,17 @@ static long long tf_until(const tf_history* s, double piece, double t) {
 }
 
 static void tf_search(const double* h, double piece, double t, double* out) {
-  long long count = (long long)h[0], room = (long long)h[1];
+  const long long count = (long long)h[0], room = (long long)h[1];
   const tf_history s = {h + TF_HISTORY, count > room ? count % room : 0, count > room ? room : count, room,
                         2 + (long long)h[2]};
   const double* last = s.kept ? tf_point(&s, s.kept - 1) : 0;
-  long long end = last && last[1] > piece ? tf_until(&s, piece, INFINITY) : s.kept, k = tf_until(&s, piece, t);
-  if (k > end - 1) k = end - 1;
+  long long end = last && last[1] > piece ? tf_until(&s, 1, piece) : s.kept, k = tf_until(&s, 0, t);
   out[0] = end < s.kept ? tf_point(&s, end)[0] : INFINITY;
   out[1] = last ? last[0] : INFINITY;
-  double *times = out + 2, *values = times + 4;
+  out[2] = k ? tf_point(&s, k - 1)[1] : 0.0;
+  if (out[2] < piece) k = tf_until(&s, 1, piece - 1.0);
+  if (k > end - 1) k = end - 1;
+  double *times = out + 3, *values = times + 4;
   for (int i = 0; i < 4; ++i) {
     long long place = k - 2 + i;
     const double* point = 0 <= place && place < end ? tf_point(&s, place) : 0;

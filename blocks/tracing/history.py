@@ -51,7 +51,7 @@ def empty(room: int, size: int, longest: float) -> Vector:
 
 
 def store(history: Vector, t: float, values: Vector) -> None:
-    """Store the `values` of a signal at time `t` [s] in its `history`; see ``tf_store`` in ``events.h``."""
+    """Store the `values` of a signal at time `t` [s] in its `history`; see ``tf_store`` in events.h."""
     count, room, _, longest = history[:HEADER_SIZE]
     ring = history[HEADER_SIZE:].reshape(int(room), -1)
     number, piece = int(count), 1.0
@@ -73,7 +73,7 @@ def store(history: Vector, t: float, values: Vector) -> None:
 
 
 def too_short(history: Vector) -> bool:
-    """Return whether a point that is needed was replaced in a `history`."""
+    """Return whether a point that is needed was replaced in a `history` [any]."""
     number, room, _, longest = history[:HEADER_SIZE]
     times = history[HEADER_SIZE:].reshape(int(room), -1)[:, 0]
     oldest, last = (times[int(i % room)] for i in (number + 1, number - 1))
@@ -88,9 +88,9 @@ def count(history: Array) -> Array:
 def search(history: Array, size: int, piece: Array, t: Array) -> Array:
     """Return what the points around a time tell: a column.
 
-    They are the first time of the next piece and the last time of all (infinite if there is none), and the
-    times and values of four points of the piece, two on each side of `t`. A missing point has a time so large
-    that its weight is zero.
+    They are the first time of the next piece, the last time of all (infinite if there is none), the number of
+    the piece at `t` (zero before the first), and the times and values of four points of the given piece, two
+    on each side of `t`. A missing point has a time so large that its weight is zero.
 
     Parameters
     ----------
@@ -105,13 +105,13 @@ def search(history: Array, size: int, piece: Array, t: Array) -> Array:
     """
     if is_traced(history):
         call = call_kernel(_kernel(size), column_of([history, piece, t]))
-        return from_expression(call.symbols, (6 + 4 * size,))
+        return from_expression(call.symbols, (7 + 4 * size,))
     return _searched(size, np.array([0.0, piece, t]), np.ravel(history))
 
 
 def interpolated(found: Array, t: Array, shape: tuple[int, ...]) -> Array:
     """Return the signal of a `shape` at time `t` [s], by Lagrange's cubic in the points `found` by `search`."""
-    times, values = found[2:6], np.reshape(found[6:], (4, -1))
+    times, values = found[3:7], np.reshape(found[7:], (4, -1))
     total = 0.0
     for i in range(4):
         weight = 1.0
@@ -128,30 +128,31 @@ def _searched(size: int, given: Vector, history: Vector) -> Vector:
     points = np.zeros((0, 2 + size))
     if history.size > HEADER_SIZE:
         number, room = int(history[0]), int(history[1])
-        ring = history[HEADER_SIZE : HEADER_SIZE + room * (2 + size)].reshape(
-            room, 2 + size
-        )
+        ring = history[HEADER_SIZE:][: room * (2 + size)].reshape(room, -1)
         points = ring[np.arange(max(0, number - room), number) % room]
-    own = points[:, 1] == piece
-    begin = int(np.count_nonzero(points[:, 1] < piece))
-    end = begin + int(np.count_nonzero(own))
-    k = min(begin + int(np.count_nonzero(own & (points[:, 0] <= t))), end - 1)
-    result = np.zeros(6 + 4 * size)
-    result[0] = points[end, 0] if end < len(points) else np.inf
-    result[1] = points[-1, 0] if len(points) else np.inf
-    result[2:6] = NO_POINT * np.arange(1, 5)
+    k = int(np.searchsorted(points[:, 0], t, side="right"))
+    begin, end = np.searchsorted(points[:, 1], [piece - 1.0, piece], side="right")
+    result = np.array([np.inf, np.inf, 0.0, *(NO_POINT * np.arange(1, 5))])
+    if end < len(points):
+        result[0] = points[end, 0]
+    if len(points):
+        result[1] = points[-1, 0]
+    if k:
+        result[2] = points[k - 1, 1]
+    k = min(max(k, begin), end - 1)
+    values = np.zeros((4, size))
     for i, place in enumerate(range(k - 2, k + 2)):
         if begin <= place < end:
-            result[2 + i] = points[place, 0]
-            result[6 + i * size : 6 + (i + 1) * size] = points[place, 2:]
-    return result
+            result[3 + i] = points[place, 0]
+            values[i] = points[place, 2:]
+    return np.concatenate([result, values.ravel()])
 
 
 class _Search(NumPyFunction):
     """Callback of CasADi for `search`, with the numbers of d from the history on."""
 
     def __init__(self, size: int, numbers: int) -> None:
-        super().__init__("history", 3 + numbers, 6 + 4 * size)
+        super().__init__("history", 3 + numbers, 7 + 4 * size)
         self._size = size
 
     def value(self, argument: Vector) -> Vector:
@@ -173,6 +174,6 @@ def _kernel(size: int) -> Kernel:
 
 def _constant(size: int) -> ca.Function:
     """Return a function with results of `search` that are finite, and not zero, which would hide the time."""
-    found = np.ones(6 + 4 * size)
-    found[2:6] = NO_POINT * np.arange(1, 5)
+    found = np.ones(7 + 4 * size)
+    found[3:7] = NO_POINT * np.arange(1, 5)
     return ca.Function("history_constant", [ca.SX.sym("in", 3)], [ca.SX(ca.DM(found))])

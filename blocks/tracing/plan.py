@@ -415,13 +415,13 @@ def _empty_histories(
     found = {}
     for key, (block, each) in declared.items():
         longest = getattr(block, each.longest)
-        room = getattr(block, "points", None)
+        # Signals may jump at each step, and events divide steps.
+        room = 4 * math.ceil(longest / finest) + 20
         if step is None:
             room = 0
-        elif room is None and math.isinf(step):
-            room = DEFAULT_POINTS
-        elif room is None:
-            # Signals may jump at each step, and events divide steps.
-            room = 4 * math.ceil(longest / finest) + 20
+        elif block.points is not None:
+            room = block.points
+        elif math.isinf(step):
+            room = max(room, DEFAULT_POINTS)
         found[key] = empty(room, block.ports[each.of].size, longest)
     return found

@@ -77,7 +77,7 @@ def frequency_response(
     with LocalJacobians(model, point.time, p) as local:
         rates, rows = local.linear(x, d)
     for path, delay in model.plan.system.blocks.items():
-        if not isinstance(delay, TransportDelay):
+        if type(delay) is not TransportDelay:
             continue
         # Rates (A_p z + B_p u) / tau of the approximant; the chain rule gave u by (x, d).
         states = model.plan.x.span_of(path)

@@ -128,8 +128,10 @@ static void tf_plan_event(tf_instance* c) {
       c->next_event = tf_breaks[i];
 #if TF_EVENTS
   c->programs[TF_indicators](&c->s.time, c->s.x, c->s.d, c->s.p, c->stepper.g);
+  /* One that differs from those by round-off is at their time: a signal that jumps there has jumped then. */
+  double sooner = c->next_event - tf_same(c->s.time);
   for (int i = 0; i < TF_EVENTS; ++i)
-    if (tf_kinds[i] == 2 && c->stepper.g[i] < c->next_event) c->next_event = c->stepper.g[i];
+    if (tf_kinds[i] == 2 && c->stepper.g[i] < sooner) c->next_event = sooner = c->stepper.g[i];
 #endif
 }
 

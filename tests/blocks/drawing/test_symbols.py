@@ -33,6 +33,7 @@ from trussflow.blocks import (
     Table,
     TransferFunction,
     TransportDelay,
+    VariableDelay,
 )
 from trussflow.blocks.errors import DiagramError
 from trussflow.blocks.framework.symbol import number, polynomial, value_text
@@ -159,6 +160,7 @@ def with_a_loop(u):
             ["ẋ = A x + [1 1 1 1 1 1 1 1 1] u"],
         ),
         (TransportDelay(0.25), ["e−0.25·s"]),
+        (VariableDelay(0.25, 1.0), ["e−τ·s"]),
         (Saturation(-1.0, 2.0), ["limits −1, 2"]),
         (PID(3.0, 2.0, 0.5), ["3 + 2/s + 0.5·s"]),
         (PID(3.0, -2.0), ["3 − 2/s"]),

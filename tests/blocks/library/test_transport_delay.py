@@ -9,11 +9,13 @@ from trussflow.blocks import (
     Diagram,
     DiscreteTransferFunction,
     Integrator,
+    OperatingPoint,
     Relay,
     Sine,
     Step,
     TimeFunction,
     TransportDelay,
+    VariableDelay,
     ZeroOrderHold,
     frequency_response,
     linearize,
@@ -187,6 +189,69 @@ def test_a_ring_of_points_is_used_many_times():
     t = result["time"].values
     exact = np.sin(2 * np.pi * (t - 0.1))
     assert_allclose(result["late.y"][20:], exact[20:], rtol=0.0, atol=1e-12)
+
+
+def varied(signal, delay, duration, **settings):
+    """Return a run with a variable delay from 0.05 s to 2 s, with -1 before, and its integral."""
+    d = Diagram("varied")
+    signal, delay, late = d.add(
+        signal=signal, delay=delay, late=VariableDelay(0.05, 2.0, -1.0)
+    )
+    signal >> late.u
+    delay >> late.tau
+    late.y >> d.add("area", Integrator())
+    return simulate(d, duration, **settings)
+
+
+@every_solver
+def test_a_growing_delay_stretches_a_signal(settings):
+    """The delay 1/2 + t/5 slows the signal by 0.8."""
+    settings = settings | ({"step": 0.01} if "step" in settings else {"log_step": 0.05})
+    first, second = (TimeFunction(lambda t: 0.5 + 0.2 * t) for _ in range(2))
+    result = varied(Sine(1.0, 0.5), first, 3.0, **settings)
+    then = 0.8 * result["time"].values - 0.5
+    exact = np.where(then < 0.0, -1.0, np.sin(np.pi * then))
+    assert_near(result["late.y"], exact, SMOOTH_ERROR)
+    jump = Step(0.5, initial_value=2.0, final_value=3.0)
+    area = varied(jump, second, 3.0, **settings)["area.y"][-1]
+    assert area == pytest.approx(-0.625 + 2 * 0.625 + 3 * 1.75, abs=1e-9)
+
+
+@every_solver
+def test_a_delay_that_grows_faster_than_time_plays_the_signal_backwards(settings):
+    """The delayed time is t - 1/2 until 0.7 s, and then falls at one second per second to before zero."""
+    delay = TimeFunction(
+        lambda t: np.where(t < 1.2, 0.5, 0.5 + 2.0 * (t - 1.2)), breakpoints=(1.2,)
+    )
+    jump = Step(0.5, initial_value=2.0, final_value=3.0)
+    area = varied(jump, delay, 2.0, log_step=0.5, **settings)["area.y"][-1]
+    assert area == pytest.approx(-0.5 + 2 * 0.5 + 3 * 0.4 + 2 * 0.5 - 0.1, abs=1e-7)
+
+
+@every_solver
+def test_a_jump_of_the_delay_passes_several_jumps_of_the_signal(settings):
+    """At 1 s the delay jumps from 0.9 s to 0.1 s."""
+    d = Diagram("passes")
+    time, stairs, late = d.add(
+        time=TimeFunction(lambda t: t),
+        stairs=ZeroOrderHold(0.2),
+        late=VariableDelay(0.1, 1.0),
+    )
+    time >> stairs >> late.u
+    d.add("delay", Step(1.0, initial_value=0.9, final_value=0.1)) >> late.tau
+    late.y >> d.add("area", Integrator())
+    area = simulate(d, 1.3, log_step=0.1, **settings)["area.y"][-1]
+    assert area == pytest.approx(0.8 * 0.1 + 1.0 * 0.2, abs=1e-7)
+
+
+def test_linear_model_of_a_variable_delay_is_that_of_the_present_one():
+    point = OperatingPoint(inputs={"tau": 0.4})
+    found, exact = (
+        linearize(block, ["u"], ["y"], at=at)
+        for block, at in ((VariableDelay(0.1, 1.0), point), (TransportDelay(0.4), None))
+    )
+    assert_allclose(found.A, exact.A, rtol=1e-13)
+    assert_allclose(found.B, exact.B, rtol=1e-13)
 
 
 @pytest.mark.parametrize("delay", [1e-3, 0.5])

@@ -62,6 +62,7 @@ from trussflow.blocks import (
     UdpReceive,
     UdpSend,
     UnitDelay,
+    VariableDelay,
     Waypoints,
     WeightedAllocation,
     ZeroOrderHold,
@@ -110,6 +111,7 @@ def smooth():
         rate_limiter=RateLimiter(2.0, 0.05),
         backlash=Backlash(0.3, 0.05),
         delay=TransportDelay(0.1, [0.0, 0.0]),
+        variable_delay=VariableDelay(0.1, 0.5, [0.0, 0.0]),
         quantizer=Quantizer(0.1, 0.05, hysteresis=0.2),
         table=Table([-1.0, 0.0, 2.0], [1.0, 0.0, 3.0]),
         grid=GridTable(
