@@ -14,7 +14,14 @@ import numpy as np
 
 from trussflow.blocks.errors import DiagramError
 from trussflow.blocks.framework.block import Block, Values
-from trussflow.blocks.framework.declarations import KINDS, Event, Mode, Signals, State
+from trussflow.blocks.framework.declarations import (
+    KINDS,
+    Event,
+    History,
+    Mode,
+    Signals,
+    State,
+)
 from trussflow.blocks.framework.diagram import Diagram, leaves
 from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.port import INFERRED, Inferable, Input, Output, Port
@@ -179,6 +186,11 @@ def _members(group: Diagram) -> list[Block]:
             raise DiagramError(
                 f"cannot put '{block.path}' ({type(block).__name__}) into a group: it is a Python block; "
                 "give it an input for the signal, and read it in its equations"
+            )
+        if block.declared(History):
+            raise DiagramError(
+                f"cannot put '{block.path}' ({type(block).__name__}) into a group: it stores its input at all "
+                "times; put it behind the group"
             )
         if "group_enable" in block.ports:
             raise DiagramError(
