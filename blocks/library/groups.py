@@ -182,15 +182,11 @@ def _members(group: Diagram) -> list[Block]:
         raise DiagramError(f"cannot make a group of {shown(given)}: {why}")
     blocks = list(leaves(group))
     for block in blocks:
-        if not block.traced:
+        if not block.traced or block.declared(History):
+            what = "is a Python block" if not block.traced else "stores its input"
             raise DiagramError(
-                f"cannot put '{block.path}' ({type(block).__name__}) into a group: it is a Python block; "
+                f"cannot put '{block.path}' ({type(block).__name__}) into a group: it {what}; "
                 "give it an input for the signal, and read it in its equations"
-            )
-        if block.declared(History):
-            raise DiagramError(
-                f"cannot put '{block.path}' ({type(block).__name__}) into a group: it stores its input at all "
-                "times; put it behind the group"
             )
         if "group_enable" in block.ports:
             raise DiagramError(

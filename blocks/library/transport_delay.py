@@ -31,10 +31,7 @@ MIN_STEPS_PER_DELAY = 5
 """Smallest number of steps in a delay, as the input is stored at steps only [-]."""
 
 SWITCHING_MARGIN = 1e-9
-"""Distance from a jump of the input at which the delayed time has crossed it backwards, in delays [-]."""
-
-MIN_POINTS = 20
-"""Smallest room for stored points [-]."""
+"""Distance of the delayed time from a jump of the input at which it is at the jump, in longest delays [-]."""
 
 
 class TransportDelay(Block):
@@ -58,7 +55,7 @@ class TransportDelay(Block):
         n / τ rad/s.
     points : int, optional
         Largest number of stored points [-]; with fixed steps the default is enough for the steps within the
-        delay, with variable steps it is 1000.
+        delay, with variable steps it is 1020.
     unit : str, tuple of str or None
         Unit of the signal, or one per element; None leaves it unchecked.
 
@@ -104,10 +101,8 @@ class TransportDelay(Block):
             raise BlockError(
                 f"'pade' of {owner} must be whole, from 1 to 10, not {shown(pade)}"
             )
-        if points is not None and (not is_whole(points) or points < MIN_POINTS):
-            raise BlockError(
-                f"'points' of {owner} must be whole, from {MIN_POINTS}, not {shown(points)}"
-            )
+        if points is not None:
+            points = int(finite(owner, "points", points, minimum=20.0))
         self.pade, self.points, self.unit = int(pade), points, unit
         where = f"parameter 'initial_value' of {owner}"
         self.shape = finite_array(where, initial_value).shape
@@ -151,16 +146,16 @@ class TransportDelay(Block):
 
     def indicators(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the time of the next jump of the output, or of the next required stored input."""
-        found = search(x.past, self.size, x.piece, t - self.delay)
+        found = search(x.past, self.size, x.piece, t)
         required = found[1] + self.longest_step
         return {"again": np.minimum(required, found[0] + self.delay)}
 
     def on_event(
         self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals
     ) -> Values:
-        """Go to the next piece of the input."""
-        found = search(x.past, self.size, x.piece, t - self.delay)
-        return {"piece": np.where(t >= found[0] + self.delay, x.piece + 1, x.piece)}
+        """Go to the piece of the input at the delayed time."""
+        then = t - self._delay(u) + SWITCHING_MARGIN * self.delay
+        return {"piece": search(x.past, self.size, x.piece, then)[2]}
 
 
 class VariableDelay(TransportDelay):
@@ -217,19 +212,10 @@ class VariableDelay(TransportDelay):
         # Called with a time that does not depend on an input, as a time event must not.
         found = search(x.past, self.size, x.piece, t)
         before = search(x.past, self.size, x.piece - 1.0, t)
-        # Later than the other event by a time that is small but not round-off, so that they do not alternate.
-        margin = SWITCHING_MARGIN * self.delay
+        # Later than the other event, so that they do not alternate, and than `on_event` needs.
+        margin = 2.0 * SWITCHING_MARGIN * self.delay
         return {
             "again": found[1] + self.longest_step,
             "onwards": np.maximum(then - found[0], -self.delay),
             "backwards": np.maximum(then - before[0], -self.delay) + margin,
         }
-
-    def on_event(
-        self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals
-    ) -> Values:
-        """Go to the piece of the input at the delayed time."""
-        then = t - self._delay(u)
-        found = search(x.past, self.size, x.piece, then)
-        crossed = np.logical_or(fired.onwards, fired.backwards)
-        return {"piece": np.where(crossed, found[2], x.piece)}

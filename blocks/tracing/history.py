@@ -6,6 +6,7 @@ The layout of a history in d, and the search in C, are in ``history.h``; ``event
 from __future__ import annotations
 
 from functools import cache, partial
+from math import prod
 
 import casadi as ca
 import numpy as np
@@ -112,14 +113,12 @@ def search(history: Array, size: int, piece: Array, t: Array) -> Array:
 def interpolated(found: Array, t: Array, shape: tuple[int, ...]) -> Array:
     """Return the signal of a `shape` at time `t` [s], by Lagrange's cubic in the points `found` by `search`."""
     times, values = found[3:7], np.reshape(found[7:], (4, -1))
-    total = 0.0
-    for i in range(4):
-        weight = 1.0
-        for j in range(4):
-            if j != i:
-                weight = weight * ((t - times[j]) / (times[i] - times[j]))
-        total = total + weight * values[i]
-    return np.reshape(total, shape)
+    terms = [
+        prod((t - times[j]) / (times[i] - times[j]) for j in range(4) if j != i)
+        * values[i]
+        for i in range(4)
+    ]
+    return np.reshape(sum(terms), shape)
 
 
 def _searched(size: int, given: Vector, history: Vector) -> Vector:

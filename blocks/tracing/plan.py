@@ -42,8 +42,8 @@ from trussflow.blocks.tracing.program import Program, lower
 from trussflow.blocks.tracing.quantities import Quantity
 from trussflow.blocks.tracing.sorted_order import Active, Stage, laid_out, order
 
-DEFAULT_POINTS = 1000
-"""Largest number of stored points of a signal with variable steps [-]."""
+VARIABLE_STEPS = 50
+"""Number of variable steps in the time of the longest one for which histories have room [-]."""
 
 
 class Plan:
@@ -53,8 +53,8 @@ class Plan:
     ----------
     diagram : Diagram or System
         Diagram to simulate.
-    step : float or None
-        Length of the steps of runs [s], infinite if it is not fixed; None if there are no runs, so that
+    step : float
+        Length of the steps of runs [s], infinite if it is not fixed; zero if there are no runs, so that
         histories have no points.
 
     Attributes
@@ -86,7 +86,7 @@ class Plan:
         If the equations of a block cannot be traced.
     """
 
-    def __init__(self, diagram: Diagram | System, step: float | None = None) -> None:
+    def __init__(self, diagram: Diagram | System, step: float = 0.0) -> None:
         self.system = diagram if isinstance(diagram, System) else flatten(diagram)
         self.name = self.system.root.name
         blocks = self.system.blocks
@@ -397,7 +397,7 @@ class Plan:
 
 
 def _empty_histories(
-    blocks: Mapping[str, Block], step: float | None
+    blocks: Mapping[str, Block], step: float
 ) -> dict[tuple[str, str], Vector]:
     """Return the histories of `blocks` by path and name, without points; for `step` [s] see `Plan`."""
     declared = {
@@ -406,22 +406,14 @@ def _empty_histories(
         for name, each in block.declared(History).items()
     }
     # Steps are as short as the shortest delay needs.
-    finest = min(
-        [
-            math.inf if step is None else step,
-            *(getattr(block, each.step) for block, each in declared.values()),
-        ]
+    steps = [getattr(block, each.step) for block, each in declared.values()]
+    finest = min([step or math.inf, *steps]) / (
+        VARIABLE_STEPS if math.isinf(step) else 1
     )
     found = {}
     for key, (block, each) in declared.items():
         longest = getattr(block, each.longest)
         # Signals may jump at each step, and events divide steps.
-        room = 4 * math.ceil(longest / finest) + 20
-        if step is None:
-            room = 0
-        elif block.points is not None:
-            room = block.points
-        elif math.isinf(step):
-            room = max(room, DEFAULT_POINTS)
-        found[key] = empty(room, block.ports[each.of].size, longest)
+        room = block.points or 4 * math.ceil(longest / finest) + 20
+        found[key] = empty(room if step else 0, block.ports[each.of].size, longest)
     return found

@@ -171,7 +171,7 @@ def shaped(trajectory=1.0, frequency=0.4, **settings):
             "'delay' of TransportDelay is 0.0; it must be above 0",
         ),
         (lambda: TransportDelay(1.0, pade=0), "from 1 to 10"),
-        (lambda: TransportDelay(1.0, points=5), "whole, from 20, not 5"),
+        (lambda: TransportDelay(1.0, points=5), "'points'.* must be at least 20"),
         (
             lambda: VariableDelay(0.5, 0.4),
             "'longest' of VariableDelay is 0.4; it must be at least 0.5",
