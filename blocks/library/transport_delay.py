@@ -30,6 +30,9 @@ from trussflow.blocks.tracing.history import count, interpolated, search
 MIN_STEPS_PER_DELAY = 5
 """Smallest number of steps in a delay, as the input is stored at steps only [-]."""
 
+ROUND_OFF = 1e-15
+"""Round-off of a time, relative to it [-]."""
+
 SWITCHING_MARGIN = 1e-9
 """Distance of the delayed time from a jump of the input at which it is at the jump, in longest delays [-]."""
 
@@ -55,7 +58,7 @@ class TransportDelay(Block):
         n / τ rad/s.
     points : int, optional
         Largest number of stored points [-]; with fixed steps the default is enough for the steps within the
-        delay, with variable steps it is 1020.
+        delay, with variable steps it is at least 1000.
     unit : str, tuple of str or None
         Unit of the signal, or one per element; None leaves it unchecked.
 
@@ -154,7 +157,8 @@ class TransportDelay(Block):
         self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals
     ) -> Values:
         """Go to the piece of the input at the delayed time."""
-        then = t - self._delay(u) + SWITCHING_MARGIN * self.delay
+        then = t - self._delay(u)
+        then = then + SWITCHING_MARGIN * self.delay + ROUND_OFF * np.abs(t)
         return {"piece": search(x.past, self.size, x.piece, then)[2]}
 
 

@@ -160,7 +160,7 @@ class Prepared:
         TracingError
             If the equations of a block cannot be traced.
         """
-        plan = Plan(diagram, solver.step if solver.is_fixed else math.inf)
+        plan = Plan(diagram, (solver.is_fixed and solver.step) or math.inf)
         plan.loops.refuse_idle_starts()
         channels = chosen_channels(plan.system, chosen)
         prepared = cls(

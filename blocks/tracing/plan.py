@@ -42,8 +42,8 @@ from trussflow.blocks.tracing.program import Program, lower
 from trussflow.blocks.tracing.quantities import Quantity
 from trussflow.blocks.tracing.sorted_order import Active, Stage, laid_out, order
 
-VARIABLE_STEPS = 50
-"""Number of variable steps in the time of the longest one for which histories have room [-]."""
+VARIABLE_ROOM = 1000
+"""Smallest room for stored points of a signal with variable steps [-]."""
 
 
 class Plan:
@@ -407,13 +407,14 @@ def _empty_histories(
     }
     # Steps are as short as the shortest delay needs.
     steps = [getattr(block, each.step) for block, each in declared.values()]
-    finest = min([step or math.inf, *steps]) / (
-        VARIABLE_STEPS if math.isinf(step) else 1
-    )
+    finest = min([step or math.inf, *steps])
     found = {}
     for key, (block, each) in declared.items():
         longest = getattr(block, each.longest)
         # Signals may jump at each step, and events divide steps.
-        room = block.points or 4 * math.ceil(longest / finest) + 20
+        room = 4 * math.ceil(longest / finest) + 20
+        if math.isinf(step):
+            room = max(room, VARIABLE_ROOM)
+        room = block.points or room
         found[key] = empty(room if step else 0, block.ports[each.of].size, longest)
     return found
