@@ -127,7 +127,7 @@ def _set_by_blocks(
     outside = {block.path for block in system.external.values()}
     states, held = BlockSignals(), BlockSignals(leaves.held)
     for path, s in leaves.states.items():
-        states[path] = Signals(s.owner, {n: values[path, n] for n in s})
+        states[path] = Signals(s.owner, {n: values.get((path, n), s[n]) for n in s})
     for path, s in leaves.held.items():
         if path not in outside:
             # Before their first sample, outputs of sampled blocks are zero.

@@ -24,6 +24,8 @@ from trussflow.blocks import (
     State,
     StateMachine,
     StateSpace,
+    TransportDelay,
+    VariableDelay,
 )
 from trussflow.blocks.errors import TrussflowError
 from trussflow.models import SpaceTruss
@@ -102,6 +104,21 @@ def machine():
     return diagram, ["logic.mode", "logic.active"], ("go.high", 0.2)
 
 
+def delays():
+    diagram = Diagram("delays")
+    relay, late, heat, slope, later = diagram.add(
+        relay=Relay(0.1, -0.1, on=-1.0, off=1.0),
+        late=TransportDelay(0.237),
+        heat=Integrator(),
+        slope=Ramp(0.1, initial_value=0.4),
+        later=VariableDelay(0.1, 3.0),
+    )
+    heat >> relay >> late >> heat
+    heat >> later.u
+    slope >> later.tau
+    return diagram, ["heat.y", "later.y"], ("relay.on", -2.0)
+
+
 class Settled(Block):
     """A lag that starts where its input is, and an initial state from a parameter."""
 
@@ -129,7 +146,7 @@ def initial():
 
 
 @pytest.mark.parametrize(
-    "make", [events, hysteresis, sampled, solved_loop, machine, initial, noise]
+    "make", [events, hysteresis, sampled, solved_loop, machine, initial, noise, delays]
 )
 def test_runs_are_equal_bit_by_bit(make, window, unfused, tmp_path):
     diagram, log, (name, value) = make()

@@ -18,6 +18,7 @@ from trussflow.blocks import (
     Sine,
     State,
     StateSpace,
+    TransportDelay,
     UnitDelay,
     ZeroOrderHold,
     gradient,
@@ -208,10 +209,17 @@ def untraced():
     return diagram
 
 
+def delayed():
+    diagram = decay()
+    diagram.level >> diagram.add("late", TransportDelay(1.0))
+    return diagram
+
+
 @pytest.mark.parametrize(
     ("build", "function", "at", "settings", "error", "match"),
     [
         (untraced, end, {"law.gain": 1.0}, {}, SimulationError, "Python blocks"),
+        (delayed, end, {"law.gain": 1.0}, {}, SimulationError, "transport delays"),
         (
             decay,
             end,
