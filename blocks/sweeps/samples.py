@@ -13,7 +13,7 @@ import pickle
 import re
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -156,24 +156,38 @@ class Runs:
         alone = np.ones(len(numbers), dtype=bool)
         # fewer samples are faster one by one
         if lanes is not None and 2 * len(numbers) >= lanes.count:
-            points, good = self._points(len(numbers), columns)
-            among = np.flatnonzero(good)
-            points = points.at(good)
-            recipe = self.recipe
-            for runs in lanes.run(recipe.duration, points, recipe.not_finite):
-                chosen = among[runs.runs]
-                alone[chosen] = False
-                if recipe.keep is not None and recipe.keep.words is not None:
-                    varied = {n: v[chosen].astype(float) for n, v in columns.items()}
-                    kept = reduced_together(runs, recipe.keep.words)
-                    yield Samples(numbers[chosen], varied, values=kept)
-                    continue
-                for k, i in enumerate(chosen.tolist()):
-                    result = functools.partial(runs.dataset, k)
-                    yield self.sample(*_row(numbers, columns, i), result)
+            # The batch begins with the default values, which may be wrong where those of the samples are not.
+            with contextlib.suppress(TrussflowError):
+                for chosen, samples in self._batches(lanes, numbers, columns):
+                    alone[chosen] = False
+                    yield from samples
         # These report the errors of values that are not allowed, and of runs that failed.
         for i in np.flatnonzero(alone).tolist():
             yield self.sample(*_row(numbers, columns, i))
+
+    def _batches(
+        self,
+        lanes: Lanes,
+        numbers: NDArray[np.intp],
+        columns: Mapping[str, NDArray[Any]],
+    ) -> Iterator[tuple[NDArray[np.intp], Iterable[Samples]]]:
+        """Yield indices and results of samples that complete in `lanes`, by `numbers` and `columns` [as declared]."""
+        points, good = self._points(len(numbers), columns)
+        among, recipe = np.flatnonzero(good), self.recipe
+        points = points.at(good)
+        for runs in lanes.run(recipe.duration, points, recipe.not_finite):
+            chosen = among[runs.runs]
+            if recipe.keep is not None and recipe.keep.words is not None:
+                varied = {n: v[chosen].astype(float) for n, v in columns.items()}
+                kept = reduced_together(runs, recipe.keep.words)
+                yield chosen, [Samples(numbers[chosen], varied, values=kept)]
+                continue
+            results = (functools.partial(runs.dataset, k) for k in range(len(chosen)))
+            rows = (_row(numbers, columns, i) for i in chosen.tolist())
+            yield (
+                chosen,
+                [self.sample(*row, of) for row, of in zip(rows, results, strict=True)],
+            )
 
     def _points(
         self, count: int, columns: Mapping[str, NDArray[Any]]

@@ -5,6 +5,7 @@ import os
 import campaign
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy import stats
 
 from trussflow.blocks import (
@@ -31,9 +32,10 @@ from trussflow.blocks import (
     Table,
     UnitDelay,
     ZeroOrderHold,
+    simulate,
     sweep,
 )
-from trussflow.blocks.errors import ParameterError
+from trussflow.blocks.errors import DivergenceError, ParameterError
 from trussflow.blocks.simulation.lanes import Lanes, Points, most_lanes
 from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.blocks.sweeps import samples
@@ -522,6 +524,24 @@ def test_runs_with_solved_loops_are_those_of_single_runs():
     settings["keep"] = {"bent.y": "mean"}
     alone = sweep(diagram, 1.0, **settings, **ALONE)
     assert sweep(diagram, 1.0, **settings, executor="serial").equals(alone)
+
+
+def test_defaults_that_cannot_run_do_not_matter():
+    diagram = Diagram("singular", loops="solve")
+    one, total, back, x = diagram.add(
+        one=Constant(1.0), total=Sum("+-"), back=Gain(-1.0), x=Integrator()
+    )
+    one >> total.u1
+    total >> back >> total.u2
+    total >> x
+    with pytest.raises(DivergenceError):
+        simulate(diagram, 1.0, step=STEP)
+    settings = {"vary": {"back.gain": [0.5, -1.0, 1.0]}, "step": STEP}
+    settings |= {"keep": {"x.y": "final"}, "executor": "serial"}
+    found = sweep(diagram, 1.0, **settings)
+    assert found["status"].values.tolist() == ["complete", "diverged", "complete"]
+    assert_allclose(found["x.y"][::2], [1.0 / 1.5, 1.0 / 2.0], rtol=1e-12)
+    assert found.equals(sweep(diagram, 1.0, **settings | ALONE))
 
 
 def test_as_many_lanes_as_the_processor_has(monkeypatch):
