@@ -23,6 +23,7 @@ import loops
 import numpy as np
 import pinocchio as pin
 import pinocchio_tree
+import small_sweep
 import spark_engine
 from fmu_import_speed import imported_fmu
 from fmu_speed import exporting, native_fmu
@@ -173,6 +174,17 @@ def side_by_side():
     return measure
 
 
+def small():
+    """Compare a sweep of many short runs with a loop by hand."""
+
+    def measure():
+        a, b, ratio = paired(small_sweep.swept, small_sweep.by_hand)
+        name = "10,000 samples of 500 steps of three states / numba by hand"
+        return [Row.of(name, a, b, ratio)]
+
+    return measure
+
+
 def hybrid():
     """Compare an engine with events with SciPy's integrator called from event to event."""
     simulator = Simulator(spark_engine.engine(), step=1e-3)
@@ -282,7 +294,7 @@ def main():
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         checking = parser.parse_args().check
-        ratios = [forward_dynamics(), overhead(), side_by_side(), hybrid()]
+        ratios = [forward_dynamics(), overhead(), side_by_side(), small(), hybrid()]
         ratios += [native_fmu(folder), imported_fmu(folder, stack)]
         if checking:
             code: int = check(ratios)

@@ -15,6 +15,7 @@ TARGETS = {
     "2 states, two blocks (job A) / numba by hand": 5.0,
     # measured with 8 lanes, of AVX-512
     "80 states (job B), samples at once on one core / alone": 0.4 * 8 / lanes(),
+    "10,000 samples of 500 steps of three states / numba by hand": 3.0,
     "engine with 300 sparks, RK4 at 1 ms / SciPy from event to event": 0.1,
     "doStep of 1 ms / four compiled right-hand sides": 1.5,
     "imported FMU, a step: ours / bare C calls": 1.15,
