@@ -318,8 +318,8 @@ class Hardware:
             friction; with a servo `brake`, above 0.5 for joints to be braked; with wheels `unloading` [1/s];
             unless `gyroscopic` is off, `rates`, the `actuator_rates` of the truss. Outputs: `actuation` of the
             truss; `ordered`, thrusts of healthy thrusters and commanded torques, with a servo the expected
-            joint torques; `propellant` used by each base; with wheels their
-            `momentum`, in base axes.
+            joint torques; with a servo also `servo_torque`, its mean joint torques in the last sample time
+            without the commands; `propellant` used by each base; with wheels their `momentum`, in base axes.
 
         Raises
         ------
@@ -453,9 +453,11 @@ class Hardware:
             brake=brakes.command,
         )
         local.impulse >> impulse
-        known = impulse / step + commands
-        known >> past.u
-        expected: Wired = known - past.y
+        mean = impulse / step
+        mean + commands >> past.u
+        own = mean - past.y
+        diagram.expose(servo_torque=own)
+        expected: Wired = commands + own
         return expected
 
     def sensors(self, truss: SpaceTruss, *, seed: int) -> Diagram:

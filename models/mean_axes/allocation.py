@@ -34,7 +34,7 @@ class MeanAxesAllocation(MeanAxesBlock):
     the health of each. r is the additional weight of thrusts and joint torques in the feedback. The feedback
     always has at least the share :math:`1 - \lambda` of each limit. At rest near the reference, the feedback
     makes no thrust above q unless the slow part does. The excitation :math:`Q_p` by `ActuatorExcitation` is added
-    within the limits.
+    within the limits, also to failed actuators: it shows whether they work again.
 
     Parameters
     ----------
@@ -131,6 +131,6 @@ class MeanAxesAllocation(MeanAxesBlock):
             np.minimum(reach, np.maximum(slow, most)),
         )
         return {
-            "command": limited(command + u.probe, -reach, reach),
+            "command": limited(command + u.probe, -p.limits, p.limits),
             "missed": missed[: self.rigid],
         }

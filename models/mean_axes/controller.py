@@ -6,8 +6,6 @@ import numpy as np
 
 from trussflow.blocks.framework.arithmetic import Operation
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.library.algebra import Function
 from trussflow.blocks.support.types import Vector
 from trussflow.models.dynamics.dynamics import TrussDynamics
 from trussflow.models.mean_axes.actuator_costs import ActuatorCosts
@@ -17,6 +15,7 @@ from trussflow.models.mean_axes.estimator import MeanAxesEstimator
 from trussflow.models.mean_axes.excitation import ActuatorExcitation
 from trussflow.models.mean_axes.fault_detection import FaultDetection
 from trussflow.models.mean_axes.law import MeanAxesLaw
+from trussflow.models.mean_axes.validity import CommandHold, MeasurementGate
 
 
 def mean_axes_controller(
@@ -24,8 +23,6 @@ def mean_axes_controller(
     limits: Vector,
     design: MeanAxesDesign | None = None,
     start: Vector | None = None,
-    *,
-    held_joints: bool = False,
 ) -> Diagram:
     """Return the mean-axes controller: estimator, law, allocation, fault detection and excitation.
 
@@ -39,17 +36,18 @@ def mean_axes_controller(
         Design parameters, by default the shipped ones.
     start : Vector, optional
         Rigid coordinates at the start [m, rad]; by default those at rest.
-    held_joints : bool
-        Whether joints with failed drives are held, by power-off brakes, instead of free.
 
     Returns
     -------
     Diagram
         Diagram ``mean-axes controller``. Inputs: measured position and velocity; reference_position,
         reference_velocity and reference_acceleration; actuation, the actuation of healthy actuators within
-        their limits, which the fault detection needs; optionally the propellant used by each base and the
-        momentum of its wheels, to reduce both. Outputs: command, missed, effectiveness, mean_position,
-        mean_speeds, modal_coordinate and disturbance.
+        their limits. Optional inputs: valid, 1 if the measured pose is valid; servo_torque, the mean torques
+        of joint servos in the last sample, which the fault detection needs; the propellant used by each base
+        and the momentum of its wheels, to reduce both. Outputs: command; command_valid, 0 while the last
+        finite command is held; missed; effectiveness; held, 1 for joints of arms that do not follow their
+        drives; unexplained; outage, the time without an accepted pose; mean_position, mean_speeds,
+        modal_coordinate and disturbance.
 
     Raises
     ------
@@ -60,8 +58,9 @@ def mean_axes_controller(
     """
     design = MeanAxesDesign.shipped() if design is None else design
     controller = Diagram("mean-axes controller")
-    monitor = FaultDetection(believed, design, held_joints)
-    estimator, law, allocation, left, economy, probe, _ = controller.add(
+    monitor = FaultDetection(believed, design)
+    gate, estimator, law, allocation, left, economy, probe, _, hold = controller.add(
+        gate=MeasurementGate(believed, design),
         estimator=MeanAxesEstimator(believed, design, start),
         law=MeanAxesLaw(believed, design),
         allocation=MeanAxesAllocation(believed, limits, design),
@@ -69,6 +68,7 @@ def mean_axes_controller(
         economy=ActuatorCosts(believed, limits, design),
         probe=ActuatorExcitation(believed, design, monitor),
         monitor=monitor,
+        hold=CommandHold(believed, design),
     )
     for name in (
         "mean_position",
@@ -80,41 +80,40 @@ def mean_axes_controller(
         estimator.port(name) >> law.port(name)
     for port in law.outputs():
         port >> allocation.port(port.name)
+    for name in ("mean_position", "mean_speeds"):
+        estimator.port(name) >> gate.port(name)
+    for block in (estimator, monitor):
+        gate.checked_position >> block.position
+        gate.checked_velocity >> block.velocity
     estimator.disturbance >> monitor.disturbance
-    effectiveness = monitor.effectiveness
-    if held_joints:
-        # A brake makes the torque that a healthy drive would make to hold its joint.
-        held = np.where(np.arange(limits.size) < 6 * len(believed.arms), 0.0, 1.0)
-        acting = controller.add(
-            acting=Function(
-                lambda health: np.maximum(health, held),
-                {"health": Input(limits.size)},
-                {"y": Output(limits.size)},
-            ).sampled(design.sample_time)
-        )
-        effectiveness >> acting
-        effectiveness = acting.y
-    effectiveness >> allocation.effectiveness
-    effectiveness >> left.u1
+    monitor.effectiveness >> allocation.effectiveness
+    monitor.effectiveness >> left.u1
     left.y >> estimator.actuation
     probe.probe >> allocation.probe
+    allocation.command >> hold.wanted
     economy.price >> allocation.price
     economy.preferred >> allocation.preferred
     controller.expose(
-        position=(estimator.position, monitor.position),
-        velocity=(estimator.velocity, monitor.velocity),
+        position=gate.position,
+        velocity=gate.velocity,
+        valid=gate.valid,
         actuation=(left.u2, monitor.actuation),
+        servo_torque=monitor.servo_torque,
         reference_position=law.reference_position,
         reference_velocity=law.reference_velocity,
         reference_acceleration=law.reference_acceleration,
         propellant=economy.propellant,
         momentum=economy.momentum,
-        command=allocation.command,
+        command=hold.command,
+        command_valid=hold.command_valid,
+        outage=gate.outage,
         missed=allocation.missed,
         mean_position=estimator.mean_position,
         mean_speeds=estimator.mean_speeds,
         modal_coordinate=estimator.modal_coordinate,
         disturbance=estimator.disturbance,
         effectiveness=monitor.effectiveness,
+        held=monitor.held,
+        unexplained=monitor.unexplained,
     )
     return controller

@@ -63,6 +63,8 @@ class MeanAxesDesign:
         Process noise density of the rate of disturbance accelerations [m/s³/√Hz, rad/s³/√Hz].
     position_noise, rate_noise : float
         Standard deviations of measured positions and of measured rates [m and rad, m/s and rad/s].
+    innovation_gate : float
+        Largest innovation of the pose and its rates, in standard deviations of their noise [-].
     effort, neutrality : float
         Cost of an actuator at its limit, and of work on the neutral modes, relative to the energy of the
         motion that is missed [kg^½·m/s² squared, -].
@@ -84,17 +86,10 @@ class MeanAxesDesign:
     unknown_thrust, unknown_torque : float
         Standard deviations, for the fault detection, of unmodelled force steps on each axis of a base, which
         excite the modes, and of unmodelled joint torques, both per sample [N, N·m].
-    unknown_share : float
-        Relative standard deviation, for the fault detection, of the effect of a base or an arm's drives [-].
     structural_damping : float
         Damping ratio of the modes, for the fault detection [-].
-    calm : float
-        Lower bound on the normalized innovation variance, for the fault detection [-].
-    drift, threshold, doubt : float
-        Drift term, at least 0.5, and decision threshold of the CUSUM test; and the share of the largest
-        statistic above which other failures are not excluded; see `FaultDetection` [-].
-    settling : float
-        Holdoff time after a failure, in which no failure of another robot is detected [s].
+    threshold : float
+        Lost share of a base above which it has failed, in standard deviations [-].
     probe : float
         Effect of `ActuatorExcitation` on the joints per sample, in standard deviations; 0 for no excitation [-].
     """
@@ -111,6 +106,7 @@ class MeanAxesDesign:
     disturbance_noise: Vector
     position_noise: float
     rate_noise: float
+    innovation_gate: float
     effort: float
     neutrality: float
     thrust_reluctance: float
@@ -122,13 +118,8 @@ class MeanAxesDesign:
     unloading_time: float
     unknown_thrust: float
     unknown_torque: float
-    unknown_share: float
     structural_damping: float
-    calm: float
-    drift: float
     threshold: float
-    doubt: float
-    settling: float
     probe: float
 
     def __post_init__(self) -> None:

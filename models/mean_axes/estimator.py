@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals, State
 from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.library.piecewise import limited
 from trussflow.blocks.support.types import Array, Vector
 from trussflow.blocks.tracing.linear_algebra import solve_positive_definite
 from trussflow.models.dynamics.dynamics import TrussDynamics
@@ -27,6 +28,9 @@ from trussflow.models.plant.truss_block import (
     RATE_UNITS,
     TrussBlock,
 )
+
+MAX_SPEED, MAX_DISTURBANCE = 10.0, 100.0
+"""Bounds on each element of estimated speeds [m/s, rad/s] and disturbances [N, N·m]."""
 
 
 class MeanAxesBlock(TrussBlock):
@@ -97,6 +101,8 @@ class MeanAxesEstimator(MeanAxesBlock):
     :math:`y - S\eta` and its rate in body axes, corrects the estimate. The prediction to the next sample
     (to first order, exact for the modes) uses the actuation until then. The outputs are the prediction. So a
     command acts one sample after its last measurement, at the time for which it is computed.
+
+    Speeds and disturbances are bounded, so that no finite measurement makes the estimate diverge.
 
     Parameters
     ----------
@@ -209,7 +215,9 @@ class MeanAxesEstimator(MeanAxesBlock):
         # The correction is in truss axes, as speeds are; `kinematics` maps it to
         # coordinates.
         y = normalized(kind, x.y + self.dynamics.kinematics(x.y, step[:m]))
-        nu, w = x.nu + step[m : 2 * m], x.w + step[2 * m + 2 * h :]
+        fastest, most = np.full(m, MAX_SPEED), np.full(m, MAX_DISTURBANCE)
+        nu = limited(x.nu + step[m : 2 * m], -fastest, fastest)
+        w = limited(x.w + step[2 * m + 2 * h :], -most, most)
         modal = np.concatenate([x.eta, x.eta_rate]) + step[2 * m : 2 * m + 2 * h]
         modal = self.modal_flow @ modal + self.modal_input @ u.actuation
         # The joints are measured, since the estimate is too slow for arms that buckle under thrust.
@@ -224,7 +232,7 @@ class MeanAxesEstimator(MeanAxesBlock):
                 # accurate.
                 y + time * self.dynamics.kinematics(y, nu + time / 2 * acceleration),
             ),
-            "nu": nu + time * acceleration,
+            "nu": limited(nu + time * acceleration, -fastest, fastest),
             "eta": modal[:h],
             "eta_rate": modal[h:],
             "w": w,

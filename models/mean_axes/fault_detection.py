@@ -1,4 +1,4 @@
-"""Fault detection and isolation (FDI) of the actuators, from measured joint rates."""
+"""Fault detection and isolation (FDI) of the bases, by estimates of the effect that each has lost."""
 
 from __future__ import annotations
 
@@ -20,45 +20,52 @@ from trussflow.models.plant.truss_block import (
     RATE_UNITS,
 )
 
+RATE_GAIN, DRIFT_GAIN = 0.5, 0.05
+"""Gains of the filter of the joint rates and their drifts [-]."""
+
+FRAME_RATE_GAIN, FRAME_DRIFT_GAIN = 0.2, 2e-3
+"""The same for the rates of the truss frame, whose vibrations are slower [-]."""
+
+MEMORY, FRAME_MEMORY = 0.95, 0.98
+"""Weight of the evidence of the sample before, of the joints and of the truss frame [-]."""
+
+FAILED, WORKING, HELD = 0.65, 0.4, 0.5
+"""Lost shares above which a base has failed, below which it works, and above which an arm is held [-]."""
+
+IMPOSSIBLE = 1.35
+"""Lost share of a base above which the cause is none of the hypotheses [-]."""
+
+FRAME_THRESHOLD = 2.5
+"""Threshold of the lost share of the base of a held arm, in standard deviations [-]."""
+
+JUMP, UNEXPLAINED = 3.0, 3.0
+"""Relative variances: of a sample after a sudden failure, and of a residual that nothing explains [-]."""
+
 
 class FaultDetection(MeanAxesBlock):
-    r"""Detection of failed bases and arm drives by a CUSUM test of the joint rates.
+    r"""Estimates of the share of their effect that bases and arm drives have lost, and failed bases.
 
-    With parts g, the base and the drives of each robot, the change of the joint rates in a sample is
-
-    .. math::
-        \Delta\dot\theta = \sum_g a_g - T_s S_\theta G^{-1} (c - w_r) + r, \qquad
-        a_g = T_s S_\theta G^{-1} P_g Q_g,
-
-    at the measured joints, with the disturbance w of the truss frame, such as that of an unknown load. The
-    residual r is noise if all actuators are healthy, plus :math:`-a_g` if part g has failed. The force of a
-    base accelerates its own arm first, so the residual is immediate and isolates the robot. The failure of
-    a whole robot is the sum of its two parts. The CUSUM statistic of a failure h sums log-likelihood ratios,
+    The rates of truss frame and joints change in a sample by
 
     .. math::
-        S_h \leftarrow \max\left(0,\ S_h - \frac{a_h^T R^{-1} r + \delta\, a_h^T R^{-1} a_h}{s}\right), \quad
-        s = \max\left(s_0,\ \min_h \frac{|r + a_h|^2_{R^{-1}}}{n}\right)
+        \Delta\nu = \sum_g (1 - \lambda_g)\,a_g + T_s G^{-1} (w_r - c) + d, \qquad a_g = T_s G^{-1} P_g Q_g
 
-    with a and r summed over two samples, which cancels vibrations at half the sample rate (so that each
-    sample counts about twice), and
+    with the lost share :math:`\lambda_g` of each part g, which is the base or the drives of a robot. d are
+    slow unknown changes, such as those of encoder biases or open valves. A filter with constant gains
+    estimates :math:`\nu` and d for :math:`\lambda = 0`. Its innovation is :math:`e = -Y\lambda` plus noise,
+    where Y is the response of the same filter to the effects a. Least squares with exponential forgetting
+    give :math:`\lambda` from the innovations of the joints, and its covariance. Only changes count:
+    constant torques are in d. `ActuatorExcitation` keeps all parts moving. If an innovation is much larger
+    than noise, a sudden failure is likely: Y and the evidence then start anew at this sample.
 
-    .. math:: R = 2\sigma^2 I + S_\theta\, \mathrm{diag}\left(\frac{T_s\,|B\,q|^2_j}{\zeta\Omega_j}
-              \sin^2 \Omega_j T_s\right) S_\theta^T + \left|2 T_s S_\theta G^{-1} \tau\right|^2
-              + \lambda^2 \sum_g a_g a_g^T
+    * A base has failed if its lost share is large and significant in two consecutive samples.
+    * An arm that follows neither base nor drives is held, by its brakes or by friction. Its base is judged by
+      the innovations of the truss frame alone.
+    * If the residual is larger than noise, or more than the whole effect is lost, the cause is none of these,
+      and no base is isolated.
+    * A failed base still receives the excitation. If it responds, it is used again.
 
-    the covariance of r. Its terms are the noise of the measured rates; the free modes, excited by thrust
-    steps q in every sample; torques :math:`\tau` of thrust on arms with uncertain angles; and a relative
-    uncertainty :math:`\lambda` of the effect of each part, for example by the length of its arm. The scale s
-    of R is the residual variance per joint, of n joints, under the most likely failure or none (a = 0), and
-    at least :math:`s_0`. So residuals that no failure explains, such as larger vibrations, do not increase
-    any statistic.
-
-    If the largest statistic exceeds the threshold, the candidates are the parts common to all failures whose
-    statistic exceeds a share of the largest one. A candidate in two consecutive samples is isolated as
-    failed, permanently (the sample of the failure itself fits no failure). If the failures of a base and of
-    its robot cannot be distinguished yet, the base is isolated first. The transient of a failure can mimic
-    failures of others, so in a holdoff time only the same robot is tested. The failure of an inactive part
-    is not detectable until it is used.
+    Drives are never switched off: a held arm needs no torques, and a healthy one needs its own.
 
     Parameters
     ----------
@@ -66,15 +73,21 @@ class FaultDetection(MeanAxesBlock):
         Nominal dynamics of truss and robots.
     design : MeanAxesDesign
         Sample time, noise, and threshold.
-    held_joints : bool
-        Whether joints with failed drives are held instead of free. The expected torque of a failed drive is
-        then that of its brake.
+
+    Notes
+    -----
+    The covariance of the sum of two innovations is
+
+    .. math:: R = 2\sigma^2 I + S\, \mathrm{diag}\left(\frac{T_s\,|B\,q|^2_j}{\zeta\Omega_j}
+              \sin^2 \Omega_j T_s\right) S^T + \left|2 T_s G^{-1} \tau\right|^2.
+
+    Its terms are the noise of the measured rates; the free modes, excited by thrust steps q in every sample;
+    and torques :math:`\tau` of thrust on arms with uncertain angles. One innovation has two thirds of it.
 
     References
     ----------
-    Page (1954), *Continuous inspection schemes*, Biometrika 41 (CUSUM); Basseville, Nikiforov (1993),
-    *Detection of Abrupt Changes*, chapter 2. :math:`\delta = 1/2` gives the likelihood ratio; a larger drift
-    term delays detection.
+    Zhang (2002), *Adaptive observer for multiple-input-multiple-output linear time-varying systems*, IEEE
+    Transactions on Automatic Control 47(3); Basseville, Nikiforov (1993), *Detection of Abrupt Changes*.
     """
 
     position = Input("rigid_q", unit=POSITION_UNITS, meaning="measured x_1")
@@ -84,50 +97,53 @@ class FaultDetection(MeanAxesBlock):
         unit=ACTUATOR_UNITS,
         meaning="Q of healthy actuators until the next sample",
     )
+    servo_torque = Input(
+        "joints",
+        default=0.0,
+        meaning="mean joint torques of servos in the last sample, which are expected again in Q",
+    )
     disturbance = Input("rigid", unit=FORCE_UNITS, default=0.0, meaning="w")
     effectiveness = Output("actuators", unit="1", meaning="health: 0 failed, 1 healthy")
-    evidence = Output(
-        "losses", meaning="S of bases, of drives of the arms, of whole robots"
+    held = Output("joints", meaning="1 for the joints of held arms")
+    lost_shares = Output("parts", meaning="lambda of bases, then of drives of the arms")
+    evidence = Output("robots", meaning="lost shares of bases, in standard deviations")
+    unexplained = Output(meaning="relative variance of the residual; 1 is noise")
+
+    rates = State("rigid", meaning="estimated rates")
+    drift = State("rigid", meaning="d")
+    response = State(("joints", "parts"), meaning="Y after the correction")
+    drift_response = State(("joints", "parts"), meaning="change of d by the effects")
+    frame_response = State((6, "robots"), meaning="Y of the truss frame")
+    frame_drift_response = State((6, "robots"), meaning="the same for its d")
+    applied = State("actuators", meaning="Q since the previous sample, as expected")
+    servo = State("joints", meaning="part of it by servos")
+    information = State(("parts", "parts"), meaning="information of the joints")
+    match = State("parts", meaning="its product with lambda")
+    frame_information = State("robots", meaning="information of the truss frame")
+    frame_match = State("robots", meaning="its product with lambda")
+    lost = State("parts", meaning="lambda")
+    deviations = State("robots", meaning="lost shares in standard deviations")
+    held_arms = State("robots", meaning="1 for held arms")
+    residual = State(initial=1.0, meaning="relative variance of the residual")
+    suspected = State("robots", meaning="1 for bases that seem to have failed")
+    failed = State("robots", meaning="1 for failed bases")
+
+    threshold = Parameter(
+        above=0.0, meaning="significant lost share, in standard deviations"
     )
 
-    expected = State(
-        ("joints", "columns"),
-        meaning="predicted change of rates by each part, and the rest",
-    )
-    rates = State("joints", meaning="previous measured rates")
-    before = State(
-        ("joints", "columns"), meaning="a of each part, and r, of the previous sample"
-    )
-    sums = State("losses", meaning="S")
-    suspected = State("parts", meaning="1 for candidates of a failure")
-    dead = State("parts", meaning="1 for failed parts")
-    truce = State("losses", unit="s", meaning="remaining holdoff time")
-
-    unknown_share = Parameter(minimum=0.0, meaning="lambda")
-    calm = Parameter(above=0.0, meaning="s_0")
-    drift = Parameter(minimum=0.5, meaning="delta")
-    threshold = Parameter(above=0.0, meaning="decision threshold of S")
-    doubt = Parameter(
-        minimum=0.0, meaning="isolation threshold, share of the largest S"
-    )
-    settling = Parameter(
-        minimum=0.0, unit="s", meaning="holdoff time of other robots after a failure"
-    )
-
-    def __init__(
-        self, dynamics: TrussDynamics, design: MeanAxesDesign, held_joints: bool = False
-    ) -> None:
-        robots, joints = len(dynamics.arms), dynamics.joints
-        self.held = np.append(np.zeros(6 * robots), np.full(joints, held_joints))
-        self.parts, self.columns, self.losses = 2 * robots, 2 * robots + 1, 3 * robots
+    def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign) -> None:
+        robots = len(dynamics.arms)
+        self.parts = 2 * robots
         sizes = [6] * robots + [arm.joints for arm in dynamics.arms]
         # One column per part: the six actuators of each base, then the drives of each
         # arm.
         self.members = np.repeat(np.eye(self.parts), sizes, axis=0)
-        # A robot without joints affects only the joints of others, through the flexible truss: not tested.
-        self.judged = np.tile([float(arm.joints > 0) for arm in dynamics.arms], 3)
-        # One column per candidate: each single part, then both parts of each robot.
-        self.shares = np.hstack([np.eye(self.parts), np.tile(np.eye(robots), (2, 1))])
+        # Only joints show the failure of their base; other arms feel it through the truss.
+        self.judged = np.array([float(arm.joints > 0) for arm in dynamics.arms])
+        rows = [6, dynamics.joints]
+        self.gains = np.repeat([FRAME_RATE_GAIN, RATE_GAIN], rows)
+        self.drift_gains = np.repeat([FRAME_DRIFT_GAIN, DRIFT_GAIN], rows)
         free, time = FreeModes.of(dynamics, dynamics.modes.modes), design.sample_time
         shaken = design.unknown_thrust**2 * np.sum(
             free.influence[:, thrusts_of(dynamics)] ** 2, axis=1
@@ -137,104 +153,105 @@ class FaultDetection(MeanAxesBlock):
             * np.sin(free.frequencies * time) ** 2
             / (design.structural_damping * free.frequencies)
         )
-        ringing = free.root_motion[6:] * np.sqrt(shaken)
+        ringing = free.root_motion * np.sqrt(shaken)
         scatter = (
-            2.0 * time * design.unknown_torque * np.linalg.inv(free.inertia)[6:, 6:]
+            2.0 * time * design.unknown_torque * np.linalg.inv(free.inertia)[:, 6:]
         )
-        # The sum over two samples is the difference of two measured rates.
-        noise = 2.0 * design.rate_noise**2 * np.eye(joints)
-        self.covariance = noise + ringing @ ringing.T + scatter @ scatter.T
-        self.precision = np.linalg.inv(self.covariance)
+        noise = 2.0 * design.rate_noise**2 * np.eye(len(ringing))
+        covariance = noise + ringing @ ringing.T + scatter @ scatter.T
+        self.precision = np.linalg.inv(covariance[6:, 6:])
+        self.frame_precision = np.linalg.inv(covariance[:6, :6])
         super().__init__(dynamics, design)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Return health and statistics."""
-        return {"effectiveness": 1.0 - self.members @ x.dead, "evidence": x.sums}
-
-    def evidence_of(self, effects: Array, residue: Array, p: Signals) -> Array:
-        """Return the change of each statistic by the sums over two samples [-].
-
-        Parameters
-        ----------
-        effects : array, shape (joints, parts)
-            Effect of each part, a [rad/s].
-        residue : array, shape (joints,)
-            Residual, r [rad/s].
-        p : Signals
-            Parameters of the run.
-        """
-        seen, unsure = np.reshape(residue, (self.joints, 1)), p.unknown_share**2
-        if self.joints > self.parts:
-            # Woodbury's formula, without cancellation. Let R0 be R without its last term,
-            # A the matrix of all a, N = A^T R0^-1 A. Then A^T R^-1 = (1 + lambda^2 N)^-1 A^T R0^-1, and |r|^2
-            # is the minimum over the shares of the norm of the rest plus that of the shares.
-            told = effects.T @ self.precision @ np.concatenate([effects, seen], axis=1)
-            told = solve_positive_definite(
-                np.eye(self.parts) + unsure * told[:, : self.parts], told
-            )
-            shares = told[:, self.parts]
-            rest = residue - unsure * effects @ shares
-            size = rest @ self.precision @ rest + unsure * shares @ shares
-        else:  # N is singular
-            doubted = self.covariance + unsure * effects @ effects.T
-            weighed = solve_positive_definite(
-                doubted, np.concatenate([effects, seen], axis=1)
-            )
-            told, size = effects.T @ weighed, residue @ weighed[:, self.parts]
-        told = self.shares.T @ told
-        match, strength = (
-            told[:, self.parts],
-            np.sum(self.shares.T * told[:, : self.parts], axis=1),
-        )
-        left = size + np.minimum(0.0, np.min(2.0 * match + strength))
-        scale = np.maximum(p.calm, left / max(self.joints, 1))
-        return -(match + p.drift * strength) / scale
+        """Return health and estimates."""
+        health = np.concatenate([1.0 - x.failed, np.ones(self.robots)])
+        return {
+            "effectiveness": self.members @ health,
+            "held": self.members[6 * self.robots :, self.robots :] @ x.held_arms,
+            "lost_shares": x.lost,
+            "evidence": x.deviations,
+            "unexplained": x.residual,
+        }
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
-        """Update the statistics by the measured rates, and predict their next change."""
-        surprise = u.velocity[6:] - x.rates - np.sum(x.expected, axis=1)
-        now = np.concatenate(
-            [x.expected[:, : self.parts], np.reshape(surprise, (self.joints, 1))],
+        """Update the estimates by the measured rates."""
+        robots, time = self.robots, self.design.sample_time
+        # The servos may have changed their torques meanwhile.
+        servo = np.concatenate([np.zeros(6 * robots), u.servo_torque - x.servo])
+        acting = self.members * np.reshape(x.applied + servo, (self.actuators, 1))
+        terms = self.dynamics.evaluate(u.position, u.velocity)
+        others = np.concatenate([u.disturbance[:6], np.zeros(self.joints)]) - terms.bias
+        forces = np.concatenate(
+            [terms.actuation_matrix @ acting, np.reshape(others, (self.rigid, 1))],
             axis=1,
         )
-        each, residue = (
-            (now + x.before)[:, : self.parts],
-            (now + x.before)[:, self.parts],
+        change = time * solve_positive_definite(terms.mass_matrix, forces)
+        predicted = x.rates + np.sum(change, axis=1) + x.drift
+        innovation = u.velocity - predicted
+
+        def relative(rest: Array) -> Array:
+            return 1.5 * rest @ self.precision @ rest / max(self.joints, 1)
+
+        effects, seen = change[6:, : self.parts], innovation[6:]
+        response = x.response + effects - x.drift_response
+        jump = np.logical_and(
+            relative(seen + response @ x.lost) > JUMP, x.residual < 0.5 * UNEXPLAINED
         )
-        sums = x.sums + self.evidence_of(each, residue, p)
-        sums = (
-            np.where(np.logical_and(sums > 0.0, x.truce <= 0.0), sums, 0.0)
-            * self.judged
+        kept = np.where(jump, 0.0, MEMORY)
+        response = np.where(jump, effects, response)
+        drift_response = np.where(jump, 0.0, x.drift_response)
+        weighted = response.T @ (1.5 * self.precision)
+        information = kept * x.information + weighted @ response
+        match = kept * x.match - weighted @ seen
+        # One unit of prior information: without evidence nothing is lost.
+        covariance = solve_positive_definite(
+            information + np.eye(self.parts), np.eye(self.parts)
         )
-        likely = np.where(sums >= p.doubt * np.max(sums), 1.0, 0.0)
-        common = (1.0 - self.shares) @ likely < 0.5
-        suspected = np.where(
-            np.logical_and(common, np.max(sums) > p.threshold), 1.0 - x.dead, 0.0
+        lost = covariance @ match
+        residual = MEMORY * x.residual + (1.0 - MEMORY) * relative(
+            seen + response @ lost
         )
-        # Only candidates of two successive samples count, so that one outlier has no
-        # effect.
-        found = suspected * x.suspected
-        spared = np.where(self.shares.T @ found > 0.0, 0.0, p.settling)
-        new = np.max(found) > 0.0
-        terms = self.dynamics.evaluate(u.position, u.velocity)
-        dead = x.dead + found
-        acting = self.members * np.reshape(1.0 - dead, (1, self.parts))
-        parts = terms.actuation_matrix @ (
-            acting * np.reshape(u.actuation, (self.actuators, 1))
+        variance = np.maximum(1.0, residual) * np.diag(covariance)
+
+        frame = x.frame_response + change[:6, :robots] - x.frame_drift_response
+        weighted = 1.5 * self.frame_precision @ frame
+        frame_information = FRAME_MEMORY * x.frame_information + np.sum(
+            frame * weighted, axis=0
         )
-        brakes = terms.actuation_matrix @ (
-            self.held * (self.members @ dead) * u.actuation
-        )
-        others = np.concatenate([u.disturbance[:6], np.zeros(self.joints)]) - terms.bias
-        others = others + brakes
-        forces = np.concatenate([parts, np.reshape(others, (self.rigid, 1))], axis=1)
-        change = solve_positive_definite(terms.mass_matrix, forces)
+        frame_match = FRAME_MEMORY * x.frame_match - weighted.T @ innovation[:6]
+        frame_lost = frame_match / (1.0 + frame_information)
+        frame_variance = np.maximum(1.0, residual) / (1.0 + frame_information)
+
+        drives, doubt = lost[robots:], 3.0 * np.sqrt(variance[robots:])
+        held = np.logical_and(drives > HELD, drives > doubt)
+        share = np.where(held, frame_lost, lost[:robots])
+        spread = np.sqrt(np.where(held, frame_variance, variance[:robots]))
+        least = np.where(held, FRAME_THRESHOLD, p.threshold) * spread
+        possible = np.logical_or(held, share < IMPOSSIBLE)
+        likely = np.logical_and(share > np.maximum(FAILED, least), possible)
+        likely = np.logical_and(likely, residual < UNEXPLAINED)
+        suspected = np.where(likely, self.judged, 0.0)
+        works = np.logical_and(share + 2.0 * spread < WORKING, np.logical_not(held))
         return {
-            "expected": self.design.sample_time * change[6:],
-            "rates": u.velocity[6:],
-            "before": now,
-            "sums": np.where(new, 0.0, sums),
+            "rates": predicted + self.gains * innovation,
+            "drift": x.drift + self.drift_gains * innovation,
+            "response": (1.0 - RATE_GAIN) * response,
+            "drift_response": drift_response + DRIFT_GAIN * response,
+            "frame_response": (1.0 - FRAME_RATE_GAIN) * frame,
+            "frame_drift_response": x.frame_drift_response + FRAME_DRIFT_GAIN * frame,
+            "applied": u.actuation,
+            "servo": u.servo_torque,
+            "information": information,
+            "match": match,
+            "frame_information": frame_information,
+            "frame_match": frame_match,
+            "lost": lost,
+            "deviations": share / spread,
+            "held_arms": np.where(held, 1.0, 0.0),
+            "residual": residual,
             "suspected": suspected,
-            "dead": dead,
-            "truce": np.where(new, spared, x.truce - self.design.sample_time),
+            "failed": np.where(
+                works, 0.0, np.maximum(x.failed, suspected * x.suspected)
+            ),
         }

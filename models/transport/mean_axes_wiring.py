@@ -83,7 +83,6 @@ def mean_axes_transport(
             (hardware or Hardware.flight(control="torque")).limits(truss),
             design,
             truss.start_position,
-            held_joints=hardware is not None and hardware.servo is not None,
         ),
     )
     diagram.add(truss=truss, errors=TaskErrors(truss.dynamics))
@@ -104,8 +103,9 @@ def mean_axes_transport(
         actuators, seen = with_hardware(diagram, truss, hardware, seed)
         acting, ordered = actuators.command, actuators.ordered
         actuators.propellant >> controller.propellant
-        if "momentum" in actuators.ports:
-            actuators.momentum >> controller.momentum
+        for name in ("momentum", "servo_torque"):
+            if name in actuators.ports:
+                actuators.port(name) >> controller.port(name)
     seen.task_position >> controller.position
     seen.rigid_speeds >> controller.velocity
     controller.command >> acting

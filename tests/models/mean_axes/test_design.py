@@ -60,7 +60,6 @@ def test_units_of_the_shipped_design_are_those_of_the_code():
         "rate_noise": "m/s",
         "unknown_thrust": "N",
         "unknown_torque": "N*m",
-        "settling": "s",
     }
     assert {n: u for n, u in units.items() if u != "1"} == dimensional
 

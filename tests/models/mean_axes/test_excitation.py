@@ -99,7 +99,8 @@ def test_none_at_no_strength_and_of_robots_without_enough_joints(random_system):
     assert_array_equal(np.flatnonzero(probe), np.arange(12, 19))
 
 
-def test_within_limits_and_not_of_failed_actuators():
+def test_within_limits_and_also_of_failed_actuators():
+    """A part that works again can only be found if it is excited."""
     limits = Hardware.flight().limits(SpaceTruss(DYNAMICS))
     allocation = MeanAxesAllocation(DYNAMICS, limits, DESIGN)
     left = np.where(PARTS[6], 0.0, 1.0)
@@ -110,4 +111,4 @@ def test_within_limits_and_not_of_failed_actuators():
     command = respond(allocation, probe=2.0 * limits, effectiveness=left, **matrices)[
         "command"
     ]
-    assert_array_equal(command, left * limits)
+    assert_array_equal(command, limits)
