@@ -105,8 +105,8 @@ def with_failures(
     r"""Add a `SuddenFailure` named failure to a mean-axes loop with hardware, and return the diagram.
 
     Brakes are stiff critically damped springs, :math:`\tau_b = -G (\omega^2\theta + 2\omega\dot\theta)` with
-    the inertia G of the arms at rest. They return the joints to zero whose drives the controller has
-    isolated.
+    the inertia G of the arms at rest. They return the joints of arms to zero that do not follow their
+    drives, as the controller reports.
 
     Parameters
     ----------
@@ -126,23 +126,17 @@ def with_failures(
         own = slice(6, 6 + joints)
         inertia = dynamics.evaluate(dynamics.rest).mass_matrix[own, own]
 
-        def braked(angles: Array, rates: Array, effectiveness: Array) -> Array:
-            on = 1.0 - effectiveness[-joints:]
+        def braked(angles: Array, rates: Array, on: Array) -> Array:
             stiffness, damping = BRAKE_FREQUENCY**2, 2.0 * BRAKE_FREQUENCY
             return -on * (inertia @ (on * (stiffness * angles + damping * rates)))
 
-        inputs = {
-            "angles": Input(joints),
-            "rates": Input(joints),
-            "effectiveness": Input(dynamics.actuators),
-        }
+        inputs = {"angles": Input(joints), "rates": Input(joints), "on": Input(joints)}
         block = diagram.add(
             brakes=Function(braked, inputs, {"torques": Output(joints)})
         )
         truss.port("task_position")[6:] >> block.port("angles")
         truss.port("rigid_speeds")[6:] >> block.port("rates")
-        health = diagram.blocks["controller"].port("effectiveness")
-        health >> block.port("effectiveness")
+        diagram.blocks["controller"].port("held") >> block.port("on")
         # The drives of the hardware are gearless, without brakes of their own.
         acting, driven = truss.port("actuation"), actuators.port("actuation")
         bases = dynamics.actuators - joints
@@ -155,18 +149,19 @@ def with_failures(
 def failure_metrics(run: xr.Dataset) -> dict[str, float]:
     """Return the `FAILURE_METRICS` of a run.
 
-    Joints with failed drives do not count. The detection delay is that of the part that is isolated last,
+    Joints with failed drives do not count. Drives are isolated if their arm is held. The detection delay is that of the part that is isolated last,
     infinite if one is never isolated. All arms must have the same number of joints.
     """
     parameters = json.loads(run.attrs["parameters"])
     bases, drives = (
         np.array(parameters[f"failure.{name}"]) for name in ("bases", "drives")
     )
-    health = run["controller.monitor.effectiveness"].values
+    health, held = (
+        run[f"controller.monitor.{name}"].values for name in ("effectiveness", "held")
+    )
     count, joints = bases.size, drives.size // bases.size
     # One column for each base, then one for each arm: all actuators of a part are isolated together.
-    parts = np.r_[0 : 6 * count : 6, 6 * count : health.shape[1] : joints]
-    isolated = health[:, parts] < 1.0
+    isolated = np.hstack([health[:, : 6 * count : 6] < 1.0, held[:, ::joints] > 0.5])
     instants = np.where(
         isolated.any(axis=0), run["time"].values[isolated.argmax(axis=0)], np.inf
     )

@@ -32,6 +32,7 @@ FLIGHT_LOG = (
     "actuators.stored.y",
     "controller.monitor.evidence",
     "controller.monitor.effectiveness",
+    "controller.monitor.held",
 )
 """Logged signals of the mean-axes controller with the reference hardware."""
 

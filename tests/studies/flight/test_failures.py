@@ -105,9 +105,8 @@ def test_brakes_hold_an_isolated_arm():
     brakes = loop(brakes=True).blocks["brakes"]
     inertia = DYNAMICS.evaluate(DYNAMICS.rest).mass_matrix[6:34, 6:34]
     limp = np.arange(28) // 7 == 1
-    left = np.append(np.ones(24), ~limp)
     torques = respond(
-        brakes, angles=np.full(28, 0.01), rates=np.full(28, 0.02), effectiveness=left
+        brakes, angles=np.full(28, 0.01), rates=np.full(28, 0.02), on=1.0 * limp
     )["torques"]
     assert not torques[~limp].any()
     expected = -(BRAKE_FREQUENCY**2 * 0.01 + 2 * BRAKE_FREQUENCY * 0.02)
