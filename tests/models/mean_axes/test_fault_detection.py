@@ -255,7 +255,7 @@ def without_joints():
     )
 
 
-def test_a_robot_without_joints_is_never_suspected(modes, rng):
+def test_a_robot_without_joints_is_never_suspected(modes):
     """Joints tell of their own robot; of a module bolted on they tell what the truss's bending does, too."""
     arm, module = RobotArm.jaco(), without_joints()
     system = TrussDynamics(
