@@ -22,7 +22,7 @@ LARGEST = 1e6
 """Magnitude above which a measured number is invalid, as NaN is [m, rad, m/s, rad/s]."""
 
 LONGEST_OUTAGE = 1.0
-"""Time without an accepted pose after which innovations are no longer limited [s]."""
+"""Time without a pose within the gate, after which innovations are no longer limited [s]."""
 
 
 class MeasurementGate(MeanAxesBlock):
@@ -30,7 +30,7 @@ class MeasurementGate(MeanAxesBlock):
 
     Pose and rates of the truss frame are rejected together: if they are marked as invalid, not finite, or if
     an innovation exceeds the gate. Without them the estimator predicts only (coasting). After the longest
-    outage any valid pose is accepted, since the prediction may be wrong. Joint measurements are replaced only
+    outage all valid poses are accepted until one is within the gate, since the prediction may be wrong. Joint measurements are replaced only
     if they are not finite.
 
     Parameters
@@ -48,9 +48,9 @@ class MeasurementGate(MeanAxesBlock):
     mean_speeds = Input("rigid", unit=RATE_UNITS, meaning="predicted nu")
     checked_position = Output("rigid_q", unit=POSITION_UNITS, meaning="x_1 or y")
     checked_velocity = Output("rigid", unit=RATE_UNITS, meaning="x_2 or nu")
-    outage = Output(unit="s", meaning="time without an accepted pose")
+    outage = Output(unit="s", meaning="time without a pose within the gate")
 
-    coasting = State(unit="s", meaning="time without an accepted pose")
+    coasting = State(unit="s", meaning="time without a pose within the gate")
 
     position_gate = Parameter(above=0.0, unit="m", meaning="largest innovation of pose")
     rate_gate = Parameter(above=0.0, unit="m/s", meaning="largest innovation of rates")
@@ -75,14 +75,17 @@ class MeasurementGate(MeanAxesBlock):
         near = np.logical_and(
             np.max(np.abs(way)) < p.position_gate, np.max(np.abs(speed)) < p.rate_gate
         )
-        near = np.logical_or(near, x.coasting > LONGEST_OUTAGE)
-        accepted = np.logical_and(np.logical_and(near, finite), u.valid > 0.5)
+        usable = np.logical_and(finite, u.valid > 0.5)
+        credible = np.logical_or(near, x.coasting > LONGEST_OUTAGE)
+        accepted = np.logical_and(usable, credible)
         pose = np.where(accepted, position[:frame], u.mean_position[:frame])
         rates = np.where(accepted, velocity[:6], u.mean_speeds[:6])
         return {
             "checked_position": np.concatenate([pose, position[frame:]]),
             "checked_velocity": np.concatenate([rates, velocity[6:]]),
-            "outage": np.where(accepted, 0.0, x.coasting + self.design.sample_time),
+            "outage": np.where(
+                np.logical_and(usable, near), 0.0, x.coasting + self.design.sample_time
+            ),
         }
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:

@@ -71,8 +71,10 @@ def test_after_a_long_outage_a_far_pose_is_accepted():
     far = (REST + 0.05 * np.eye(RIGID)[0], np.zeros(RIGID), 1.0)
     found = measured([far] * 120)
     assert np.abs(found[40]["seen"]).max() < 1e-6
-    assert found[-1]["outage"] == 0.0
     assert found[-1]["seen"][0] > 1e-3
+    near = measured([far] * 55 + [(REST, np.zeros(RIGID), 1.0)])
+    assert near[-2]["outage"] > 1.0
+    assert near[-1]["outage"] == 0.0
 
 
 def test_no_measurement_makes_an_estimate_diverge(rng):
