@@ -38,6 +38,9 @@ IMPOSSIBLE = 1.35
 FRAME_THRESHOLD = 2.5
 """Threshold of the lost share of the base of a held arm, in standard deviations [-]."""
 
+SETTLING = 3.0
+"""Time after a verdict without new ones, in which the vibration by the other commands decays [s]."""
+
 JUMP, UNEXPLAINED = 3.0, 3.0
 """Relative variances: of a sample after a sudden failure, and of a residual that nothing explains [-]."""
 
@@ -64,6 +67,7 @@ class FaultDetection(MeanAxesBlock):
     * If the residual is larger than noise, or more than the whole effect is lost, the cause is none of these,
       and no base is isolated.
     * A failed base still receives the excitation. If it responds, it is used again.
+    * While the vibration after a verdict decays, nothing else is isolated.
 
     Drives are never switched off: a held arm needs no torques, and a healthy one needs its own.
 
@@ -127,6 +131,7 @@ class FaultDetection(MeanAxesBlock):
     residual = State(initial=1.0, meaning="relative variance of the residual")
     suspected = State("robots", meaning="1 for bases that seem to have failed")
     failed = State("robots", meaning="1 for failed bases")
+    settling = State(unit="s", meaning="remaining time without verdicts")
 
     threshold = Parameter(
         above=0.0, meaning="significant lost share, in standard deviations"
@@ -195,9 +200,9 @@ class FaultDetection(MeanAxesBlock):
 
         effects, seen = change[6:, : self.parts], innovation[6:]
         response = x.response + effects - x.drift_response
-        jump = np.logical_and(
-            relative(seen + response @ x.lost) > JUMP, x.residual < 0.5 * UNEXPLAINED
-        )
+        settled = x.settling <= 0.0
+        calm = np.logical_and(x.residual < 0.5 * UNEXPLAINED, settled)
+        jump = np.logical_and(relative(seen + response @ x.lost) > JUMP, calm)
         kept = np.where(jump, 0.0, MEMORY)
         response = np.where(jump, effects, response)
         drift_response = np.where(jump, 0.0, x.drift_response)
@@ -223,16 +228,18 @@ class FaultDetection(MeanAxesBlock):
         frame_lost = frame_match / (1.0 + frame_information)
         frame_variance = np.maximum(1.0, residual) / (1.0 + frame_information)
 
-        drives, doubt = lost[robots:], 3.0 * np.sqrt(variance[robots:])
-        held = np.logical_and(drives > HELD, drives > doubt)
+        drives, doubt = lost[robots:], p.threshold * np.sqrt(variance[robots:])
+        held = drives > np.maximum(HELD, doubt)
         share = np.where(held, frame_lost, lost[:robots])
         spread = np.sqrt(np.where(held, frame_variance, variance[:robots]))
         least = np.where(held, FRAME_THRESHOLD, p.threshold) * spread
         possible = np.logical_or(held, share < IMPOSSIBLE)
         likely = np.logical_and(share > np.maximum(FAILED, least), possible)
-        likely = np.logical_and(likely, residual < UNEXPLAINED)
+        explained = np.logical_and(residual < UNEXPLAINED, settled)
+        likely = np.logical_and(likely, explained)
         suspected = np.where(likely, self.judged, 0.0)
         works = np.logical_and(share + 2.0 * spread < WORKING, np.logical_not(held))
+        failed = np.where(works, 0.0, np.maximum(x.failed, suspected * x.suspected))
         return {
             "rates": predicted + self.gains * innovation,
             "drift": x.drift + self.drift_gains * innovation,
@@ -251,7 +258,8 @@ class FaultDetection(MeanAxesBlock):
             "held_arms": np.where(held, 1.0, 0.0),
             "residual": residual,
             "suspected": suspected,
-            "failed": np.where(
-                works, 0.0, np.maximum(x.failed, suspected * x.suspected)
+            "failed": failed,
+            "settling": np.where(
+                np.max(failed - x.failed) > 0.0, SETTLING, x.settling - time
             ),
         }

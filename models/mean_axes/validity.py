@@ -30,8 +30,8 @@ class MeasurementGate(MeanAxesBlock):
 
     Pose and rates of the truss frame are rejected together: if they are marked as invalid, not finite, or if
     an innovation exceeds the gate. Without them the estimator predicts only (coasting). After the longest
-    outage all valid poses are accepted until one is within the gate, since the prediction may be wrong. Joint measurements are replaced only
-    if they are not finite.
+    outage all valid poses are accepted until one is within the gate, since the prediction may be wrong.
+    Joint measurements are replaced only if they are not finite.
 
     Parameters
     ----------

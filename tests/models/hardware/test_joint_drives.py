@@ -226,13 +226,17 @@ def test_the_expected_torque_includes_the_servo():
         "joint_angles": Constant(np.zeros(28)),
         "joint_rates": Constant(np.zeros(28)),
     }
-    log = {name: actuators.port(name) for name in ("actuation", "ordered")}
+    log = ("actuation", "ordered", "servo_torque")
+    log = {name: actuators.port(name) for name in log}
     run = simulate_block(actuators, 0.1, sources, step=SERVO_STEP, log=log)
     assert_allclose(run["actuation"][2:, 24:], 0.05 + 5.0 * 0.02, rtol=1e-12)
     # The first torque is one sample late, so that the first mean is smaller by a twentieth.
     assert_allclose(run["ordered"][0, 24:], 0.05, rtol=1e-12)
     assert_allclose(run["ordered"][20, 24:], 0.95 * 0.15, rtol=1e-9)
     assert_allclose(run["ordered"][40:, 24:], 0.15, rtol=1e-9)
+    assert_allclose(
+        run["ordered"][20:, 24:] - run["servo_torque"][20:], 0.05, rtol=1e-9
+    )
 
 
 @pytest.mark.parametrize("make", [partial(JointServo, torque=1.0), BrakeLatch])

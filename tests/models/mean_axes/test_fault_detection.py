@@ -174,6 +174,15 @@ def test_the_lost_share_is_estimated(session, left):
     assert failed[:, 1].any() == (left < 0.35)
 
 
+@pytest.mark.parametrize("left", [0.0, 0.5])
+def test_a_sudden_loss_of_constant_thrust_is_seen_at_once(session, left):
+    """Only changes count, and the loss is one: the evidence starts anew at its sample."""
+    commands = np.tile(np.eye(52)[0], (100, 1))
+    failed, _, lost = watched(session, commands, (1.0 - left) * np.eye(8)[0])
+    assert_allclose(lost[5, :4], (1.0 - left) * np.eye(4)[0], atol=0.1)
+    assert first(failed[:, 0]) < 0.1 if left == 0.0 else not failed.any()
+
+
 @pytest.mark.parametrize("bases_too", [False, True])
 def test_the_truss_tells_whether_the_base_of_a_held_arm_works(session, bases_too):
     """The joints of a braked arm show neither base nor drives."""
