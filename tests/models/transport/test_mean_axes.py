@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from systems import respond
 
 from trussflow.blocks import Simulator
 from trussflow.models import Hardware, ModelError, SpaceTruss
@@ -51,18 +50,3 @@ def test_a_plant_without_its_drives():
         mean_axes_transport(
             Mission.of_case(1), SpaceTruss.consistent(), hardware=Hardware.flight()
         )
-
-
-def test_power_off_brakes_hold_the_joints_of_an_isolated_robot():
-    """The allocation keeps the drives of an isolated robot, unless its joints are free."""
-    controllers = {}
-    for control in ("servo", "torque"):
-        hardware = Hardware.flight(control=control)
-        truss = hardware.mounted(SpaceTruss.consistent())
-        diagram = mean_axes_transport(Mission.of_case(1), truss, hardware=hardware)
-        controllers[control] = diagram.blocks["controller"].blocks
-    assert "acting" not in controllers["torque"]
-    acting = controllers["servo"]["acting"]
-    left = respond(acting, health=np.zeros(truss.actuators))["y"]
-    assert not left[:24].any()
-    assert (left[24:] == 1.0).all()
