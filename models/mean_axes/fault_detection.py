@@ -24,7 +24,7 @@ RATE_GAIN, DRIFT_GAIN = 0.5, 0.05
 """Gains of the filter of the joint rates and their drifts [-]."""
 
 FRAME_RATE_GAIN, FRAME_DRIFT_GAIN = 0.2, 2e-3
-"""The same for the rates of the truss frame, whose vibrations are slower [-]."""
+"""Gains for the rates of the truss frame, whose vibrations are slower [-]."""
 
 MEMORY, FRAME_MEMORY = 0.95, 0.98
 """Weight of the evidence of the sample before, of the joints and of the truss frame [-]."""
@@ -32,14 +32,17 @@ MEMORY, FRAME_MEMORY = 0.95, 0.98
 FAILED, WORKING, HELD = 0.65, 0.4, 0.5
 """Lost shares above which a base has failed, below which it works, and above which an arm is held [-]."""
 
-IMPOSSIBLE = 1.35
+MAX_LOST_SHARE = 1.35
 """Lost share of a base above which the cause is none of the hypotheses [-]."""
 
 FRAME_THRESHOLD = 2.5
 """Threshold of the lost share of the base of a held arm, in standard deviations [-]."""
 
-SETTLING = 3.0
+SETTLING_TIME = 3.0
 """Time after a verdict without new ones, in which the vibration by the other commands decays [s]."""
+
+RETRIAL_TIME = 30.0
+"""Time after a verdict after which a failed base is used again if its state is unknown [s]."""
 
 JUMP, UNEXPLAINED = 3.0, 3.0
 """Relative variances: of a sample after a sudden failure, and of a residual that nothing explains [-]."""
@@ -66,7 +69,8 @@ class FaultDetection(MeanAxesBlock):
       the innovations of the truss frame alone.
     * If the residual is larger than noise, or more than the whole effect is lost, the cause is none of these,
       and no base is isolated.
-    * A failed base still receives the excitation. If it responds, it is used again.
+    * A failed base still receives the excitation. If it responds, it is used again. If there is no excitation
+      without a force on the truss, as for bent arms, it is used again after a time.
     * While the vibration after a verdict decays, nothing else is isolated.
 
     Drives are never switched off: a held arm needs no torques, and a healthy one needs its own.
@@ -233,12 +237,17 @@ class FaultDetection(MeanAxesBlock):
         share = np.where(held, frame_lost, lost[:robots])
         spread = np.sqrt(np.where(held, frame_variance, variance[:robots]))
         least = np.where(held, FRAME_THRESHOLD, p.threshold) * spread
-        possible = np.logical_or(held, share < IMPOSSIBLE)
+        possible = np.logical_or(held, share < MAX_LOST_SHARE)
         likely = np.logical_and(share > np.maximum(FAILED, least), possible)
         explained = np.logical_and(residual < UNEXPLAINED, settled)
         likely = np.logical_and(likely, explained)
         suspected = np.where(likely, self.judged, 0.0)
-        works = np.logical_and(share + 2.0 * spread < WORKING, np.logical_not(held))
+        works = share + 2.0 * spread < WORKING
+        # With little evidence the deviation is that of the prior, 1.
+        unknown = np.logical_and(
+            spread > 0.9, x.settling < SETTLING_TIME - RETRIAL_TIME
+        )
+        works = np.logical_and(np.logical_or(works, unknown), np.logical_not(held))
         failed = np.where(works, 0.0, np.maximum(x.failed, suspected * x.suspected))
         return {
             "rates": predicted + self.gains * innovation,
@@ -260,6 +269,6 @@ class FaultDetection(MeanAxesBlock):
             "suspected": suspected,
             "failed": failed,
             "settling": np.where(
-                np.max(failed - x.failed) > 0.0, SETTLING, x.settling - time
+                np.max(failed - x.failed) > 0.0, SETTLING_TIME, x.settling - time
             ),
         }

@@ -18,7 +18,7 @@ from trussflow.models.plant.truss_block import (
     RATE_UNITS,
 )
 
-LARGEST = 1e6
+MAX_MAGNITUDE = 1e6
 """Magnitude above which a measured number is invalid, as NaN is [m, rad, m/s, rad/s]."""
 
 LONGEST_OUTAGE = 1.0
@@ -66,10 +66,14 @@ class MeasurementGate(MeanAxesBlock):
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return measurements, or predictions instead of rejected ones."""
         kind, frame = self.dynamics.attitude, self.dynamics.attitude.end
-        position = np.where(np.abs(u.position) < LARGEST, u.position, u.mean_position)
-        velocity = np.where(np.abs(u.velocity) < LARGEST, u.velocity, u.mean_speeds)
+        position = np.where(
+            np.abs(u.position) < MAX_MAGNITUDE, u.position, u.mean_position
+        )
+        velocity = np.where(
+            np.abs(u.velocity) < MAX_MAGNITUDE, u.velocity, u.mean_speeds
+        )
         numbers = np.concatenate([u.position[:frame], u.velocity[:6]])
-        finite = np.sum(np.where(np.abs(numbers) < LARGEST, 0.0, 1.0)) < 0.5
+        finite = np.sum(np.where(np.abs(numbers) < MAX_MAGNITUDE, 0.0, 1.0)) < 0.5
         way = way_to(kind, u.mean_position, position)[:6]
         speed = (velocity - u.mean_speeds)[:6]
         near = np.logical_and(
@@ -112,7 +116,7 @@ class CommandHold(MeanAxesBlock):
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the command, or the last finite one."""
-        wrong = np.sum(np.where(np.abs(u.wanted) < LARGEST, 0.0, 1.0))
+        wrong = np.sum(np.where(np.abs(u.wanted) < MAX_MAGNITUDE, 0.0, 1.0))
         return {
             "command": np.where(wrong < 0.5, u.wanted, x.last),
             "command_valid": np.where(wrong < 0.5, 1.0, 0.0),

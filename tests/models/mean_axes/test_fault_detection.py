@@ -196,6 +196,14 @@ def test_the_truss_tells_whether_the_base_of_a_held_arm_works(session, bases_too
     assert not failed[:, 1:].any()
 
 
+def test_a_failed_base_without_evidence_is_used_again(session):
+    commands = np.zeros((3300, 52))
+    commands[1650:1750] = pushes(1.0, 25)
+    failed, _, _ = watched(session, commands, np.eye(8)[0])
+    assert failed[50:1500, 0].all()
+    assert not failed[-1].any()
+
+
 @pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize("size", [0.3, 2.0])
 def test_an_open_valve_is_none_of_the_hypotheses(session, axis, size):
