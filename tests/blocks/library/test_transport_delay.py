@@ -42,7 +42,7 @@ def loop(late, gain=1.0):
     [
         {"step": 0.05},
         {"step": 0.05, "backend": "numpy"},
-        {"step": 0.05, "backend": "interpreted"},
+        {"step": 0.05, "backend": "compiled"},
         {"solver": "RK45", "rtol": 1e-9},
     ],
 )
@@ -65,7 +65,13 @@ def test_smooth_signal_is_delayed(delay):
 
 
 every_solver = pytest.mark.parametrize(
-    "settings", [{"step": 0.05}, {"solver": "RK45"}, {"solver": "Rodas5P"}]
+    "settings",
+    [
+        {"step": 0.05},
+        {"step": 0.05, "backend": "compiled"},
+        {"solver": "RK45"},
+        {"solver": "Rodas5P", "backend": "compiled"},
+    ],
 )
 
 
@@ -185,7 +191,7 @@ def test_too_many_points_are_reported(settings, backend):
 def test_a_ring_of_points_is_used_many_times():
     d = Diagram("d")
     d.add("sine", Sine()) >> d.add("late", TransportDelay(0.1, points=20))
-    result = simulate(d, 3.0, step=0.01)
+    result = simulate(d, 3.0, step=0.01, backend="compiled")
     t = result["time"].values
     exact = np.sin(2 * np.pi * (t - 0.1))
     assert_allclose(result["late.y"][20:], exact[20:], rtol=0.0, atol=1e-12)

@@ -376,9 +376,9 @@ def delayed_samples():
     """Delay a step behind a sampler, and integrate it."""
     diagram = Diagram("delayed samples")
     jump, hold, late, integral = diagram.add(
-        jump=Step(0.6, final_value=2.0),
+        jump=Step(0.6, initial_value=1.0, final_value=2.0),
         hold=ZeroOrderHold(0.5),
-        late=TransportDelay(0.33, 1.0),
+        late=TransportDelay(0.33, -1.0),
         integral=Integrator(),
     )
     jump >> hold >> late >> integral
@@ -389,9 +389,9 @@ def varying_delay():
     """Delay a step by 0.4 s + t/5, and integrate it."""
     diagram = Diagram("varying delay")
     jump, delay, late, integral = diagram.add(
-        jump=Step(0.6, final_value=2.0),
+        jump=Step(0.6, initial_value=1.0, final_value=2.0),
         delay=Ramp(0.2, initial_value=0.4),
-        late=VariableDelay(0.1, 3.0, 1.0),
+        late=VariableDelay(0.1, 3.0, -1.0),
         integral=Integrator(),
     )
     jump >> late.u
@@ -469,8 +469,10 @@ CASES = [
         delayed_oscillator,
         {0.2: 0.0, 0.9: 0.65, 1.2: 0.55, 2.4: -0.65, 4.2: 0.55, 10.6: 0.15},
     ),
-    Case("a varying delay", varying_delay, {0.4: 0.4, 1.2: 0.5, 1.5: 1.0, 2.0: 2.0}),
-    Case("delayed jumps", delayed_samples, {0.3: 0.3, 1.2: 0.33, 1.5: 0.67, 2.0: 1.67}),
+    Case("a varying delay", varying_delay, {0.4: -0.4, 1.2: 0.2, 1.5: 0.75, 2.0: 1.75}),
+    Case(
+        "delayed jumps", delayed_samples, {0.3: -0.3, 1.2: 0.54, 1.5: 1.01, 2.0: 2.01}
+    ),
     Case(
         "several rates", multirate, {0.2: 0.0, 0.4: 1.0, 0.6: 1.0, 0.8: 2.0, 1.1: 4.0}
     ),
