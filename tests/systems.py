@@ -1,6 +1,7 @@
 """Small blocks and diagrams that many tests share. A test defines its own only to show a special property."""
 
 import sys
+from itertools import pairwise
 from unittest import mock
 
 import casadi as ca
@@ -282,6 +283,23 @@ def respond(block, t=0.0, **inputs):
     )
 
 
+def series(name="test", /, **blocks):
+    """Return a diagram of blocks, each connected to the next."""
+    diagram = Diagram(name)
+    diagram.add(**blocks)
+    for source, target in pairwise(diagram.blocks.values()):
+        source >> target
+    return diagram
+
+
+def ring(name="test", /, **blocks):
+    """Return a diagram of blocks, each connected to the next, and the last to the first."""
+    diagram = series(name, **blocks)
+    around = [*diagram.blocks.values()]
+    around[-1] >> around[0]
+    return diagram
+
+
 def approach(gain=1.0):
     """Return a diagram with y' = gain (1 - y), from 0."""
     diagram = Diagram("approach")
@@ -295,10 +313,7 @@ def approach(gain=1.0):
 
 def decay(order=1, rate=1.0):
     """Return a diagram with x' = -rate x, x(0) = 1, for each of some states; `order=()` gives a scalar."""
-    diagram = Diagram("decay")
-    x, back = diagram.add(x=Integrator(np.ones(order)), back=Gain(-rate, shape=order))
-    x >> back >> x
-    return diagram
+    return ring("decay", x=Integrator(np.ones(order)), back=Gain(-rate, shape=order))
 
 
 def differences(diagram, duration, function, at, change, **settings):

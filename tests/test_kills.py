@@ -19,8 +19,9 @@ import numpy as np
 import pytest
 import xarray as xr
 from numpy.testing import assert_allclose
+from systems import series
 
-from trussflow.blocks import Diagram, Integrator, Ramp, Simulator, StateSpace
+from trussflow.blocks import Integrator, Ramp, Simulator, StateSpace
 from trussflow.blocks.support.files import LOCK_SUFFIX, locked
 from trussflow.blocks.tracing import compile_cache
 from trussflow.fmu import Fmu, export
@@ -39,9 +40,7 @@ def exports(k):
 
 
 def compiles(k):
-    diagram = Diagram("d")
-    ramp, x = diagram.add(ramp=Ramp([1.0] * (1 + k)), x=Integrator([0.0] * (1 + k)))
-    ramp >> x
+    diagram = series(ramp=Ramp([1.0] * (1 + k)), x=Integrator([0.0] * (1 + k)))
     result = Simulator(diagram, step=0.1, backend="compiled").run(1.0)
     assert_allclose(result["x.y"][-1], 0.5, rtol=1e-12)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import atan, copysign, cos, pi, sin
 
 import numpy as np
+from scipy.integrate import solve_ivp
 from spark_engine import DURATION, engine
 
 from trussflow.blocks import (
@@ -23,6 +24,7 @@ from trussflow.blocks import (
 )
 
 GRAVITY = 9.81
+RTOL, ATOL = 1e-8, 1e-10
 Floats = Sequence[float]
 
 
@@ -251,3 +253,36 @@ HYBRIDS = {
         lambda t, x, m: ((0.0, -0.95 * x[1]), ()),
     ),
 }  # fmt: skip
+
+
+def by_hand(case, method="RK45", rtol=RTOL, atol=ATOL):
+    """Return a run with SciPy, from event to event."""
+
+    def run():
+        t, x = 0.0, np.array(case.x)
+        m = case.modes
+
+        def rates(t, x):
+            return case.rates(t, x, m)
+
+        def happens(t, x):
+            return float(case.indicator(t, x, m))
+
+        happens.terminal, happens.direction = True, 1
+        while t < case.duration:
+            found = solve_ivp(
+                rates,
+                (t, case.duration),
+                x,
+                method,
+                events=happens,
+                rtol=rtol,
+                atol=atol,
+            )
+            t, x = float(found.t[-1]), found.y[:, -1]
+            if found.status == 1:
+                after, m = case.event(t, x.tolist(), m)
+                x = np.array(after)
+        return x
+
+    return run

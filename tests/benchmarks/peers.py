@@ -15,28 +15,22 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import sys
 import time
-from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
-from hybrid_models import HYBRIDS, Floats
+from hybrid_models import ATOL, HYBRIDS, RTOL, by_hand
 from pathsim import Simulation
 from pathsim.blocks import ODE
 from pathsim.events import ZeroCrossingUp
 from pathsim.solvers import RKDP54
-from scipy.integrate import solve_ivp
 from table import Row, show
 
 from trussflow.blocks import Simulator
 
 ACCURACY = 1e-5
 """Largest error of the states at the end, relative to the largest of them."""
-RTOL, ATOL = 1e-8, 1e-10
 REPETITIONS, LONG_ENOUGH = 5, 0.1
 TARGETS = {"PathSim": 5.0, "SciPy": 3.0}
 """How many times faster ours has to be."""
-
-Run = Callable[[], npt.NDArray[np.float64]]
 
 
 def ours(case, **settings):
@@ -51,42 +45,9 @@ def ours(case, **settings):
     return run
 
 
-def by_hand(case, method="RK45", rtol=RTOL, atol=ATOL):
-    """Return a run with SciPy, from event to event."""
-
-    def run():
-        t, x = 0.0, np.array(case.x)
-        m: Floats = case.modes
-
-        def rates(t, x):
-            return case.rates(t, x, m)
-
-        def happens(t, x):
-            return float(case.indicator(t, x, m))
-
-        happens.terminal, happens.direction = True, 1
-        while t < case.duration:
-            found = solve_ivp(
-                rates,
-                (t, case.duration),
-                x,
-                method,
-                events=happens,
-                rtol=rtol,
-                atol=atol,
-            )
-            t, x = float(found.t[-1]), found.y[:, -1]
-            if found.status == 1:
-                after, m = case.event(t, x.tolist(), m)
-                x = np.array(after)
-        return x
-
-    return run
-
-
 def in_pathsim(case):
     """Return a run in PathSim: one block with the equations, one event."""
-    modes: list[Floats] = [case.modes]
+    modes = [case.modes]
     ode = ODE(lambda x, u, t: np.array(case.rates(t, x, modes[0])), np.array(case.x))
 
     def act(t):

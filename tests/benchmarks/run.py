@@ -27,6 +27,7 @@ import small_sweep
 import spark_engine
 from fmu_import_speed import imported_fmu
 from fmu_speed import exporting, native_fmu
+from hybrid_models import HYBRIDS, by_hand
 from table import Row, check, show
 
 from trussflow.blocks import Constant, Diagram, Linearizer, Noise, Simulator
@@ -143,9 +144,9 @@ def overhead():
 
     def measure():
         rows = []
-        for name, (simulator, by_hand) in jobs.items():
+        for name, (simulator, in_numba) in jobs.items():
             ours = partial(simulator.run, STEPS * loops.STEP, progress=False)
-            a, b, ratio = paired(ours, by_hand)
+            a, b, ratio = paired(ours, in_numba)
             rows.append(Row.of(name, a / STEPS, b / STEPS, ratio, per=1e-9))
         return rows
 
@@ -187,13 +188,12 @@ def small():
 
 def hybrid():
     """Compare an engine with events with SciPy's integrator called from event to event."""
-    simulator = Simulator(spark_engine.engine(), step=1e-3)
+    engine = HYBRIDS["engine"]
+    simulator = Simulator(engine.diagram, step=engine.step)
 
     def measure():
-        a, b, ratio = paired(
-            lambda: simulator.run(spark_engine.DURATION, progress=False),
-            spark_engine.engine_by_hand,
-        )
+        ours = partial(simulator.run, engine.duration, progress=False)
+        a, b, ratio = paired(ours, by_hand(engine))
         name = "engine with 300 sparks, RK4 at 1 ms / SciPy from event to event"
         return [Row.of(name, a, b, ratio)]
 
@@ -297,8 +297,7 @@ def main():
         ratios = [forward_dynamics(), overhead(), side_by_side(), small(), hybrid()]
         ratios += [native_fmu(folder), imported_fmu(folder, stack)]
         if checking:
-            code: int = check(ratios)
-            return code
+            return check(ratios)
         others = [closed_loop, allocation, linearization, first_step, exporting]
         show([row for benchmark in [*ratios, *others] for row in benchmark()])
     return 0

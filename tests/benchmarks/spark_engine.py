@@ -1,9 +1,8 @@
-"""An engine whose spark is an event at each half turn, as a block and with SciPy from event to event."""
+"""An engine whose spark is an event at each half turn, as a block."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
 from trussflow.blocks import Block, Diagram, Event, Mode, Output, State
 
@@ -45,22 +44,3 @@ def engine():
     diagram = Diagram("engine")
     diagram.add(engine=Engine())
     return diagram
-
-
-def engine_by_hand():
-    """Integrate from spark to spark; return the speed at the end [rad/s]."""
-    t, x, following, torque = 0.0, np.array([0.0, 50.0]), np.pi, 0.0
-    while t < DURATION:
-
-        def rates(_t, x, torque=torque):
-            push = torque * (1 + np.cos(2 * x[0]))
-            return x[1], push - 0.2 * x[1] - 20 * np.sin(x[0]) ** 2
-
-        def spark(_t, x, following=following):
-            return float(x[0] - following)
-
-        spark.terminal = True
-        found = solve_ivp(rates, (t, DURATION), x, events=spark, rtol=1e-8, atol=1e-10)
-        t, x = float(found.t[-1]), found.y[:, -1]
-        following, torque = following + np.pi, 40 - x[1] / 20
-    return float(x[1])

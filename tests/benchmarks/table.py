@@ -85,7 +85,7 @@ def check(benchmarks):
 
 def best_of_attempts(benchmark):
     """Return the rows of a benchmark, each at its best; measured again only while one is too slow."""
-    best: dict[str, Row] = {}
+    best = {}
     for _ in range(ATTEMPTS):
         for row in benchmark():
             known = best.get(row.name)

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from systems import series
 
-from trussflow.blocks import Block, Constant, Diagram, Signals, simulate
+from trussflow.blocks import Block, Constant, Signals, simulate
 
 
 @pytest.fixture(params=["numpy", "interpreted", "compiled"])
@@ -43,8 +44,7 @@ def respond():
     """Simulate one block, its inputs driven by constants or by sources."""
 
     def response(block, duration, settings=None, **inputs):
-        diagram = Diagram("test")
-        diagram.add(block=block)
+        diagram = series(block=block)
         for name, value in inputs.items():
             source = value if isinstance(value, Block) else Constant(value)
             diagram.connect(

@@ -30,17 +30,15 @@ def test_units_of_different_zeros_do_not_fit(units):
 
 def test_rows_are_logged_every_seventh_step():
     """Steps are scheduled in windows whose length is no multiple of seven."""
-    diagram = Diagram("clock")
-    diagram.add(time=Ramp())
+    diagram = systems.series(time=Ramp())
     result = simulate(diagram, 490 * 7 * TICK, step=TICK, log_step=7 * TICK)
     assert_allclose(result["time"], 7 * TICK * np.arange(491), rtol=1e-12)
 
 
 def test_many_clocks_start_at_their_offset():
-    diagram = Diagram("offsets")
-    time = diagram.add(time=Ramp())
+    diagram = systems.series(time=Ramp())
     for k in range(2, 9):
-        time >> diagram.add(f"hold{k}", ZeroOrderHold(k * TICK, offset=TICK))
+        diagram.time >> diagram.add(f"hold{k}", ZeroOrderHold(k * TICK, offset=TICK))
     result, tick = simulate(diagram, 20 * TICK, step=TICK), np.arange(21)
     for k in range(2, 9):
         sampled = np.where(tick < 1, 0, 1 + (tick - 1) // k * k)

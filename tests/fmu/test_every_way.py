@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 from random_diagrams import build
+from systems import series
 
 from trussflow.blocks import (
-    Diagram,
     IntegralSlidingMode,
     PythonFunction,
     Ramp,
@@ -39,8 +39,7 @@ def exposed(seed):
 
 def around(item):
     """Return a diagram with the item alone, and its outputs by name."""
-    diagram = Diagram("around")
-    diagram.add(item=item)
+    diagram = series(item=item)
     return diagram, {port.name: port for port in item.outputs()}
 
 

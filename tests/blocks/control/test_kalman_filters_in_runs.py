@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from systems import DrivenPendulum, assert_near
+from systems import DrivenPendulum, assert_near, series
 
 from trussflow.blocks import (
     Block,
@@ -147,8 +147,7 @@ def test_fmu_of_a_controller_gives_the_same_numbers_bit_by_bit(kind, tmp_path):
         return diagram
 
     path = export(controller(), tmp_path / "c.fmu", step=EVERY)
-    top = Diagram("top")
-    top.add(c=Fmu(path, step=EVERY))
+    top = series(c=Fmu(path, step=EVERY))
     ours = simulate(controller(), 4.0, step=EVERY, backend="compiled")
     theirs = simulate(top, 4.0, step=EVERY)
     assert_array_equal(theirs["c.estimate"], ours["filter.estimate"])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from numpy.testing import assert_allclose, assert_array_equal
-from systems import assert_near, ports
+from systems import assert_near, ports, ring, series
 
 from trussflow.blocks import (
     Constant,
@@ -139,9 +139,7 @@ def test_log_can_be_chosen(tmp_path):
 
 
 def test_parameters_and_initial_states_go_to_their_units():
-    diagram = Diagram("two")
-    a, b = diagram.add(a=Integrator(1.0), b=Gain(2.0))
-    a >> b >> a
+    diagram = ring("two", a=Integrator(1.0), b=Gain(2.0))
     result = cosimulate(
         diagram,
         1.0,
@@ -286,8 +284,7 @@ def test_values_of_blocks_that_step_themselves(settings, message, stepping):
 
 
 def test_open_inputs_are_refused(stepping):
-    diagram = Diagram("open")
-    diagram.add(own=stepping(plant(), H))
+    diagram = series(own=stepping(plant(), H))
     with pytest.raises(OpenInputError, match=r"'own\.u'"):
         cosimulate(diagram, 1.0, step=H)
 
@@ -320,11 +317,11 @@ def test_divergence_names_the_signal_and_keeps_the_log():
 
 
 def test_divergence_of_a_state_is_named():
-    diagram = Diagram("fast")
-    fast, gain = diagram.add(
-        fast=StateSpace([[1e9]], [1.0], [1.0], 0.0, initial_value=[1.0]), gain=Gain(1.0)
+    diagram = ring(
+        "fast",
+        fast=StateSpace([[1e9]], [1.0], [1.0], 0.0, initial_value=[1.0]),
+        gain=Gain(1.0),
     )
-    fast >> gain >> fast
     with pytest.raises(
         DivergenceError, match=r"'fast\.x' \(element 0\) stopped being finite"
     ):

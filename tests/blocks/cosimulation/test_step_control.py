@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 from scipy.linalg import expm
+from systems import series
 
 from trussflow.blocks import (
     CoSimulator,
@@ -28,13 +29,11 @@ def interpreted():
 
 def stiff_and_slow(units=lambda block: block):
     """Return a fast and a slow part: steps grow by a factor of a hundred on the way."""
-    diagram = Diagram("stiff")
-    a, b = diagram.add(
+    diagram = series(
         a=units(StateSpace([[-20.0]], [[10.0]], [[1.0]], [[0.0]], initial_value=[1.0])),
         b=units(StateSpace([[-0.5]], [[-1.0]], [[1.0]], [[0.0]], initial_value=[1.0])),
     )
-    a.y >> b.u
-    b.y >> a.u
+    diagram.b.y >> diagram.a.u
     return diagram
 
 

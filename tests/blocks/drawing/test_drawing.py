@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from systems import ring, series
 
 from trussflow.blocks import (
     PID,
@@ -151,9 +152,8 @@ def test_unused_ports_of_large_blocks_are_named_below():
         other = Input(default=0.0)
         wanted = Input()
 
-    diagram = Diagram("large")
-    large, gain = diagram.add(large=Large(), gain=Gain(1.0))
-    large.used >> gain >> large.wanted
+    diagram = series(large=Large())
+    diagram.large.used >> diagram.add(gain=Gain(1.0)) >> diagram.large.wanted
     shown = {text for text, _ in texts(ET.fromstring(diagram.draw()))}
     assert shown >= {"used", "wanted", "unused: a, b, c, d, other", "Large"}
     assert not shown & {"a", "b", "other"}
@@ -182,14 +182,12 @@ def test_picture_is_xml_with_every_name_and_tooltips():
 def test_picture_is_the_same_each_time_and_leaves_the_diagram_alone():
     diagram = mixed()
     assert diagram.draw() == mixed().draw()
-    loop = Diagram("open shapes")
-    a, b = loop.add(a=Gain(1.0), b=Gain(1.0))
-    a >> b >> a
+    loop = ring(a=Gain(1.0), b=Gain(1.0))
     loop.draw()
-    assert a.u.shape is None
+    assert loop.a.u.shape is None
     vector = loop.add(vector=Constant(np.ones(3)))
-    (vector.y + b.y) >> loop.add(end=Gain(1.0)).u
-    assert a.u.shape == (3,)
+    (vector.y + loop.b.y) >> loop.add(end=Gain(1.0)).u
+    assert loop.a.u.shape == (3,)
 
 
 def test_nested_diagrams_are_drawn_by_themselves():
@@ -266,6 +264,5 @@ def test_file_that_cannot_be_written(tmp_path, name, fault):
 
 def test_empty_diagrams():
     assert ET.fromstring(Diagram("empty").draw()).tag == f"{SVG}svg"
-    outer = Diagram("outer")
-    outer.add(inner=Diagram("empty"))
+    outer = series(inner=Diagram("empty"))
     assert ">inner<" in outer.draw()

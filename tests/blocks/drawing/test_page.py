@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from browsing import Watched
 from numpy.testing import assert_allclose
+from systems import series
 
 from trussflow.blocks import (
     Constant,
@@ -79,9 +80,8 @@ def test_chart_has_the_values_of_the_result(tmp_path, result):
 
 
 def test_values_that_are_not_finite_are_omitted(tmp_path):
-    diagram = Diagram("vector")
-    source = diagram.add(source=Constant([1.0, 2.0], unit="m"))
-    found = simulate(diagram, 1.0, step=0.5, log=[source.y])
+    diagram = series(source=Constant([1.0, 2.0], unit="m"))
+    found = simulate(diagram, 1.0, step=0.5, log=[diagram.source.y])
     found["source.y"].values[1, 0] = np.nan
     diagram.draw(tmp_path / "page.html", result=found)
     assert data_of(tmp_path / "page.html")["signals"]["source.y"] == {

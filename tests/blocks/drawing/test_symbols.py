@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from systems import series
 
 from trussflow.blocks import (
     PD,
@@ -73,8 +74,7 @@ def test_large_values_are_named_by_their_size():
 
 def drawn(block):
     """Return the texts of a picture of a `block`, superscripts on the line."""
-    diagram = Diagram("one")
-    diagram.add(block_0=block)
+    diagram = series(block_0=block)
     root = ET.fromstring(diagram.draw())
     for title in root.iter(f"{SVG}title"):
         title.text = ""

@@ -1,6 +1,7 @@
 """Descriptions of objects, as text and in notebooks."""
 
 import pytest
+from systems import series
 
 from trussflow.blocks import (
     Block,
@@ -96,9 +97,7 @@ def test_runs_tell_solver_and_sizes():
         session.advance(0.5)
         assert repr(session).startswith("Session of 'Integrator' at 0.5 s")
         assert "RK45, rtol 1e-06" in repr(session)
-    diagram = Diagram("pair")
-    one, state = diagram.add(one=Constant(1.0), state=Integrator())
-    one >> state
+    diagram = series(one=Constant(1.0), state=Integrator())
     text = repr(CoSimulator(diagram, step=0.1, members=["state"], backend="numpy"))
     assert "jacobi, step 0.1 s" in text
     assert "state" in text

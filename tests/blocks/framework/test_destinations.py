@@ -6,8 +6,9 @@ import subprocess
 import sys
 
 import pytest
+from systems import series
 
-from trussflow.blocks import Constant, Diagram, Integrator, save, simulate
+from trussflow.blocks import Constant, Integrator, save, simulate
 from trussflow.blocks.errors import TrussflowError
 from trussflow.blocks.support import temporary_folders
 from trussflow.blocks.support.files import replaced
@@ -15,10 +16,8 @@ from trussflow.fmu import export
 
 
 def growing():
-    diagram = Diagram("growing")
-    one, state = diagram.add(one=Constant(1.0), state=Integrator())
-    one >> state
-    diagram.expose(y=state.y)
+    diagram = series(one=Constant(1.0), state=Integrator())
+    diagram.expose(y=diagram.state.y)
     return diagram
 
 

@@ -3,6 +3,7 @@
 from functools import partial
 
 import pytest
+from systems import series
 
 from trussflow.blocks import Constant, Gain, Sum
 from trussflow.blocks.errors import BlockError, DiagramError, WiringError
@@ -212,8 +213,7 @@ def test_nesting_has_a_limit(inside_out):
 
 
 def test_deep_nesting_below_the_limit():
-    outer = Diagram("0")
-    outer.add(one=Length(1.0))
+    outer = series(one=Length(1.0))
     for level in range(1, 401):
         deeper, outer = outer, Diagram(str(level))
         outer.add(inner=deeper)

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from systems import here
+from systems import here, series
 
 from trussflow.blocks import UnitDelay
 from trussflow.blocks.errors import WiringError
@@ -155,9 +155,8 @@ def test_units_must_be_as_many_as_elements():
 
 @pytest.mark.parametrize("backend", ["numpy", "interpreted"])
 def test_states_take_the_inferred_shape(backend):
-    diagram = Diagram("memory")
-    forces, memory = diagram.add(forces=Forces(), memory=UnitDelay(1.0, 2.0))
-    forces.f >> memory
+    diagram = series(forces=Forces())
+    diagram.forces.f >> diagram.add(memory=UnitDelay(1.0, 2.0))
     result = simulate(diagram, 0.1, step=0.1, backend=backend)
     assert result["memory.y"].shape == (2, 2, 3)
     assert (result["memory.y"] == 2.0).all()

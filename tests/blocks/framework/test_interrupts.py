@@ -13,8 +13,9 @@ import time
 import campaign
 import numpy as np
 import pytest
+from systems import ring
 
-from trussflow.blocks import Diagram, Gain, Integrator, Session
+from trussflow.blocks import Gain, Integrator, Session
 from trussflow.blocks.support.interrupts import interruptible, uninterrupted
 
 
@@ -112,10 +113,8 @@ def test_sessions_swallow_no_ctrl_c(settings, number, request):
 
     Nothing is collected meanwhile: finalizers, of what other tests left, swallow it in any Python.
     """
-    diagram = Diagram("loop")
-    state, gain = diagram.add(state=Integrator([1.0, 2.0]), gain=Gain(-1.0))
-    state >> gain >> state
-    diagram.expose(y=state.y)
+    diagram = ring("loop", state=Integrator([1.0, 2.0]), gain=Gain(-1.0))
+    diagram.expose(y=diagram.state.y)
     swallowed = 0
     gc.collect()
     gc.disable()

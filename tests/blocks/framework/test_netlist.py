@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
+from systems import series
 
 from trussflow.blocks import Constant, Diagram, Gain, Integrator, simulate
 from trussflow.blocks.errors import NameLookupError, OpenInputError, WiringError
@@ -76,11 +77,7 @@ def test_shapes_are_inferred_anew():
 
 
 def test_wires_that_do_not_fit_any_more_are_cut_and_told():
-    d = Diagram("d")
-    source, integral = d.add(
-        source=Constant([1.0, 2.0]), integral=Integrator([0.0, 0.0])
-    )
-    source >> integral
+    d = series(source=Constant([1.0, 2.0]), integral=Integrator([0.0, 0.0]))
     with pytest.warns(
         RuntimeWarning, match=r"is removed: cannot wire 'source\.y' \(shape \(3,\)\)"
     ):

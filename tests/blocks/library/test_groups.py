@@ -7,7 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
-from systems import assert_near, ports
+from systems import assert_near, ports, series
 
 from trussflow.blocks import (
     Block,
@@ -40,10 +40,8 @@ TOLERANCE = 1e-9  # round-off, and times located to round-off
 
 def timer():
     """Return a group that integrates 1."""
-    group = Diagram("timer")
-    one, count = group.add(one=Constant(1.0), count=Integrator())
-    one >> count
-    group.expose(y=count.y)
+    group = series(one=Constant(1.0), count=Integrator())
+    group.expose(y=group.count.y)
     return group
 
 
@@ -128,10 +126,8 @@ def test_a_group_is_enabled_where_it_is_the_outermost_diagram_too():
 
 def test_crossing_while_a_group_is_off_is_an_event_when_it_is_enabled():
     """The relay would see the step at 0.9 s, but is off from 0.75 to 1.25 s."""
-    group = Diagram("group")
-    relay, total = group.add(relay=Relay(0.5), total=Integrator())
-    relay >> total
-    group.expose(u=relay.u, y=total.y)
+    group = series("group", relay=Relay(0.5), total=Integrator())
+    group.expose(u=group.relay.u, y=group.total.y)
     wave = TimeFunction(lambda t: np.where(t < 1.0, 1.25 - t, t - 0.75))
     result = run(enabled(group), 2.0, enable=wave, u=Step(0.9))
     assert_near(values(result, [1.2, 2.0]), [0.0, 0.75], TOLERANCE)
@@ -187,21 +183,15 @@ def test_linear_models_keep_a_group_as_it_is():
 
 
 def python():
-    diagram = Diagram("python")
-    diagram.add(function=PythonFunction(float, **ports(u=(), y=())))
-    return diagram
+    return series(function=PythonFunction(float, **ports(u=(), y=())))
 
 
 def noise():
-    diagram = Diagram("noise")
-    diagram.add(noise=Noise(1.0, 0.1, seed=1))
-    return diagram
+    return series("noise", noise=Noise(1.0, 0.1, seed=1))
 
 
 def within(group):
-    diagram = Diagram("around")
-    diagram.add(inner=group)
-    return diagram
+    return series("around", inner=group)
 
 
 @pytest.mark.parametrize(

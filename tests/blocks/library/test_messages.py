@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from systems import ports
+from systems import ports, series
 
 from trussflow.blocks import (
     PID,
@@ -93,9 +93,7 @@ class Derivatives(Block):
 
 
 def added():
-    diagram = Diagram("d")
-    diagram.add(g=Gain(1.0))
-    return diagram
+    return series(g=Gain(1.0))
 
 
 def time_as_input():
@@ -282,9 +280,7 @@ def test_folders_that_are_missing_are_named(tmp_path):
 def test_what_is_frozen_is_frozen_on_purpose():
     """A function is traced once: what it reads besides its inputs is read then, as the README says."""
     factor = [2.0]
-    diagram = Diagram("d")
-    one, law = diagram.add(one=Constant(1.0), law=Function(lambda u: factor[0] * u))
-    one >> law
+    diagram = series(one=Constant(1.0), law=Function(lambda u: factor[0] * u))
 
     simulator = Simulator(diagram, step=0.1, backend="interpreted")
     factor[0] = 5.0

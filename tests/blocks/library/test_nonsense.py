@@ -16,6 +16,7 @@ import control
 import numpy as np
 import pytest
 from nonsense import NONSENSE
+from systems import series
 
 import trussflow.blocks as library
 from trussflow.blocks import (
@@ -79,10 +80,7 @@ def ordinary():
 
 
 def small():
-    diagram = Diagram("small")
-    one, g, i = diagram.add(one=Constant(1.0), g=Gain(2.0), i=Integrator())
-    one >> g >> i
-    return diagram
+    return series(one=Constant(1.0), g=Gain(2.0), i=Integrator())
 
 
 def entry_points():
@@ -213,8 +211,7 @@ def call(function, random_):
             warnings.simplefilter("ignore")
             result = function(**chosen)
             if isinstance(result, Block) and not isinstance(result, Diagram):
-                diagram = Diagram("d")
-                diagram.add(block=result)
+                diagram = series(block=result)
                 diagram.ground(*result.inputs())
                 simulate(diagram, 0.1, step=0.1, backend="numpy", not_finite="ignore")
     except TrussflowError as error:

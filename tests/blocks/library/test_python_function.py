@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from systems import assert_near, ports
+from systems import assert_near, ports, ring
 
 from trussflow.blocks import (
     Constant,
@@ -55,12 +55,11 @@ FOURTH_ORDER = 1e-7
 )
 def test_continuous_function_without_memory(settings):
     """A lag whose law is Python: exact, in a loop, with its slope in linear models."""
-    diagram = Diagram("lag")
-    law, lag = diagram.add(
+    diagram = ring(
+        "lag",
         law=PythonFunction(lambda u: float(str(float(-u))), **ports(u=(), y=())),
         lag=Integrator(1.0),
     )
-    law >> lag >> law
     result = simulate(diagram, 2.0, **settings)
     assert_near(result["lag.y"], np.exp(-result["time"]), FOURTH_ORDER)
     assert_array_equal(result["law.y"], -result["lag.y"])

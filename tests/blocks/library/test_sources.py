@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from systems import assert_near
+from systems import assert_near, series
 
 from trussflow.blocks import (
     Constant,
@@ -65,9 +65,7 @@ def test_a_jump_between_two_fixed_steps_is_exact(step, time, backend):
 
     3 * 0.1 rounds up, to more than 0.3, and 3 * 0.3 down, to less than 0.9.
     """
-    diagram = Diagram("jump")
-    jump, integral = diagram.add(jump=Step(time), integral=Integrator())
-    jump >> integral
+    diagram = series("jump", jump=Step(time), integral=Integrator())
     result = simulate(diagram, 6 * time, step=step, backend=backend)
     expected = np.maximum(result["time"] - time, 0.0)
     assert_near(result["integral.y"], expected, ROUND_OFF)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from systems import assert_near
+from systems import assert_near, ring, series
 
 from trussflow.blocks import (
     Diagram,
@@ -107,13 +107,12 @@ def test_jumps_of_a_sampled_block_are_delayed(settings):
 @every_solver
 def test_jumps_at_events_are_delayed(settings):
     """A relay in a delayed loop makes a triangle, as high as its threshold and the delay."""
-    d = Diagram("relay")
-    x, relay, late = d.add(
+    d = ring(
+        "relay",
         x=Integrator(),
         relay=Relay(0.5, -0.5, on=-1.0, off=1.0),
         late=TransportDelay(0.25),
     )
-    x >> relay >> late >> x
     result = simulate(d, 4.5, log_step=0.05, **settings)
     t = result["time"].values[5:]  # the delay is over
     assert_near(result["x.y"][5:], 0.75 - abs((t - 2.5) % 3.0 - 1.5), 1e-8)
@@ -125,14 +124,12 @@ def test_jumps_at_events_are_delayed(settings):
 @pytest.mark.parametrize("periods", [1, 3])
 def test_sample_at_the_instant_of_a_delayed_jump_is_the_new_value(periods, settings):
     """Rounding does not matter: 0.1 + 0.2 is more than 0.3."""
-    d = Diagram("sampled again")
-    time, first, late, second = d.add(
+    d = series(
         time=TimeFunction(lambda t: t),
         first=ZeroOrderHold(0.1),
         late=TransportDelay(0.1 * periods),
         second=ZeroOrderHold(0.1),
     )
-    time >> first >> late >> second
     result = simulate(d, 1.0, **settings)
     tenths = np.maximum(np.arange(101) // 10 - periods, 0)
     assert_allclose(result["second.y"], 0.1 * tenths, rtol=1e-12, atol=1e-12)

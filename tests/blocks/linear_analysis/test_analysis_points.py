@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from systems import assert_near
+from systems import assert_near, series
 
 from trussflow.blocks import (
     Diagram,
@@ -93,8 +93,7 @@ def test_nonlinear_analysis_trim_and_results_take_it_too():
 
 def test_what_is_logged_may_be_named_so_and_wires_may_start_there():
     diagram = attitude()
-    outer = Diagram("outer")
-    outer.add(inner=diagram)
+    outer = series(inner=diagram)
     outer.ground(diagram.bias)
     log = {"roll": "inner.roll", "angles": "inner.plant.y"}
     result = simulate(

@@ -5,15 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from systems import ring
 
-from trussflow.blocks import (
-    Diagram,
-    Function,
-    Gain,
-    Integrator,
-    OperatingPoint,
-    linearize_over,
-)
+from trussflow.blocks import Function, Gain, Integrator, OperatingPoint, linearize_over
 from trussflow.blocks.errors import LinearAnalysisError
 
 SETTINGS: dict[str, Any] = {"step": 0.01, "backend": "interpreted"}
@@ -21,12 +15,8 @@ SETTINGS: dict[str, Any] = {"step": 0.01, "backend": "interpreted"}
 
 def decay():
     """Return x' = -k x^2 from 1: x = 1 / (1 + k t)."""
-    diagram = Diagram("decay")
-    square, gain, place = diagram.add(
-        square=Function(np.square), gain=Gain(-1.0), x=Integrator(1.0)
-    )
-    place >> square >> gain >> place
-    diagram.expose(where=place.y)
+    diagram = ring(square=Function(np.square), gain=Gain(-1.0), x=Integrator(1.0))
+    diagram.expose(where=diagram.x.y)
     return diagram
 
 

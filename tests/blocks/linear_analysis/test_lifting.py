@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from systems import assert_near, ports
+from systems import assert_near, ports, ring
 
 from trussflow.blocks import (
     Block,
@@ -169,14 +169,13 @@ def test_python_blocks_are_differentiated_and_the_model_says_how_well(offsets):
 
 def held_oscillator():
     """Return a plant whose position is sampled, scaled and fed back."""
-    diagram = Diagram("held")
-    plant, hold, gain = diagram.add(
+    diagram = ring(
+        "held",
         plant=StateSpace([[0.0, 1.0], [-3.0, -0.1]], [[0], [1]], [[1, 0]]),
         hold=ZeroOrderHold(0.2),
         gain=Gain(-0.7),
     )
-    plant >> hold >> gain >> plant
-    diagram.expose(y=plant.y)
+    diagram.expose(y=diagram.plant.y)
     return diagram
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import minimize_scalar
-from systems import ports
+from systems import ports, ring
 
 from trussflow.blocks import (
     PD,
@@ -312,9 +312,7 @@ def disks_and_scans(loop):
 @pytest.mark.parametrize("a", [1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0])
 def test_disk_margin_of_the_spinning_satellite(a):
     A, C = [[0.0, a], [-a, 0.0]], [[1.0, a], [-a, 1.0]]
-    loop = Diagram("satellite")
-    plant, back = loop.add(plant=StateSpace(A, np.eye(2), C), back=Gain([-1.0, -1.0]))
-    plant.y >> back >> plant.u
+    loop = ring(plant=StateSpace(A, np.eye(2), C), back=Gain([-1.0, -1.0]))
     _, scanned = disks_and_scans(control.ss(A, np.eye(2), C, 0))
     assert loop_margins(loop, "back.y").disk == pytest.approx(scanned[0], rel=1e-6)
 
@@ -364,12 +362,10 @@ def turned_loop():
 def test_a_sampled_loop_has_the_margins_of_its_discrete_gain():
     """L = k / (z - 1): phase margin 90 degrees less half the angle at which |z - 1| = k."""
     period, k = 0.1, 0.5
-    loop = Diagram("sampled")
-    total, law = loop.add(
+    loop = ring(
         total=DiscreteStateSpace([[1.0]], [[1.0]], [[1.0]], sample_time=period),
         law=Gain(-k),
     )
-    total >> law >> total
     (channel,) = loop_margins(loop, "law.u").channels.values()
     angle = 2 * np.arcsin(k / 2)
     assert channel.phase == pytest.approx(90.0 - np.degrees(angle) / 2, rel=1e-3)
@@ -403,14 +399,12 @@ def test_a_pole_may_leave_along_the_real_axis(pole, gain, direct, limits):
 def test_actuators_that_do_the_same_work_have_margins_of_their_own():
     """Share w of (3 s^2 + 3 s + 1) / s^3, the rest closed: stable while w k + 1 - w > 1/9."""
     share = np.array([[0.95, 0.05]])
-    loop = Diagram("redundant")
-    law, system = loop.add(
+    loop = ring(
         law=MatrixGain(-np.array([[1.0, 3.0, 3.0], [1.0, 3.0, 3.0]])),
         system=StateSpace(
             np.diag([1.0, 1.0], 1), np.vstack([np.zeros((2, 2)), share]), np.eye(3)
         ),
     )
-    law >> system >> law
     found = [
         (m.gain_down, m.gain_up) for m in loop_margins(loop, "law.y").channels.values()
     ]

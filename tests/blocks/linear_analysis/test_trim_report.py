@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from systems import series
 
 from trussflow.blocks import (
     Block,
@@ -126,13 +127,11 @@ def test_a_rate_that_was_left_alone_is_told_but_never_violated(aircraft):
 
 
 def test_discrete_states_and_wanted_outputs_have_their_residuals_in_the_report():
-    diagram = Diagram("count")
-    memory, half = diagram.add(
+    diagram = series(
         memory=DiscreteStateSpace([[1.0]], [1.0], [1.0], sample_time=0.1),
         half=Gain(0.5),
     )
-    memory >> half
-    diagram.expose(u=memory.u, y=half.y)
+    diagram.expose(u=diagram.memory.u, y=diagram.half.y)
     lines = lines_of(trim(diagram, outputs={"y": 2.0}))
     assert lines["memory.x[0]"].kind == "discrete state"
     assert lines["memory.x[0]"].value == pytest.approx(4.0, rel=1e-12)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from random_diagrams import build
-from systems import Ball, Counter, assert_near
+from systems import Ball, Counter, assert_near, ring, series
 
 from trussflow.blocks import (
     Block,
@@ -33,17 +33,12 @@ from trussflow.models.transport import Mission, transport_diagram
 
 
 def events():
-    diagram = Diagram("events")
-    diagram.add(ball=Ball(restitution=0.93))
+    diagram = series(ball=Ball(restitution=0.93))
     return diagram, ["ball.height", "ball.speed"], ("ball.restitution", 0.95)
 
 
 def hysteresis():
-    diagram = Diagram("hysteresis")
-    relay, heat = diagram.add(
-        relay=Relay(0.1, -0.1, on=-1.0, off=1.0), heat=Integrator()
-    )
-    heat >> relay >> heat
+    diagram = ring(relay=Relay(0.1, -0.1, on=-1.0, off=1.0), heat=Integrator())
     return diagram, ["heat.y", "relay.y"], ("relay.on", -2.0)
 
 
@@ -82,11 +77,9 @@ def solved_loop():
 
 
 def noise():
-    diagram = Diagram("noise")
-    wind, lag = diagram.add(
+    diagram = series(
         wind=Noise([1.0, 0.5, 2.0], 0.02, seed=3), lag=Integrator(np.zeros(3))
     )
-    wind >> lag
     return diagram, ["wind.y", "lag.y"], ("wind.standard_deviation[1]", 4.0)
 
 
@@ -137,11 +130,7 @@ class Settled(Block):
 
 
 def initial():
-    diagram = Diagram("initial")
-    source, scale, lag = diagram.add(
-        source=Constant(3.0), scale=Gain(0.7), lag=Settled()
-    )
-    source >> scale >> lag
+    diagram = series("initial", source=Constant(3.0), scale=Gain(0.7), lag=Settled())
     return diagram, ["lag.y"], ("lag.start", 0.3)
 
 

@@ -4,7 +4,7 @@ import control
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from systems import DrivenPendulum
+from systems import DrivenPendulum, ring
 
 from trussflow.blocks import (
     Constant,
@@ -53,11 +53,7 @@ def pendulum():
 
 def balanced():
     """Return a loop with a lower limit of its gain: the plant alone is unstable."""
-    diagram = Diagram("balanced")
-    gain, plant = diagram.add(
-        gain=Gain(-3.0), plant=TransferFunction([1.0], [0.01, 0.99, -1.0])
-    )
-    plant >> gain >> plant
+    diagram = ring(gain=Gain(-3.0), plant=TransferFunction([1.0], [0.01, 0.99, -1.0]))
     return diagram, "gain.y", "gain.gain"
 
 
@@ -131,9 +127,7 @@ def test_an_unstable_loop_is_named(window, tmp_path):
 
 
 def vector():
-    diagram = Diagram("vector")
-    gain, plant = diagram.add(gain=Gain(-1.0, shape=2), plant=Integrator([1.0, 2.0]))
-    plant >> gain >> plant
+    diagram = ring(gain=Gain(-1.0, shape=2), plant=Integrator([1.0, 2.0]))
     return diagram, "gain.y"
 
 

@@ -9,7 +9,17 @@ import zlib
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from systems import Ball, Counter, Lag, Oscillator, PythonBall, approach, assert_near
+from systems import (
+    Ball,
+    Counter,
+    Lag,
+    Oscillator,
+    PythonBall,
+    approach,
+    assert_near,
+    ring,
+    series,
+)
 
 from trussflow.blocks import (
     PID,
@@ -72,9 +82,8 @@ def test_defaults_are_gains_first_and_exposed_outputs(tmp_path):
 
 
 def test_the_step_resolves_the_fastest_mode_and_divides_sample_times(tmp_path):
-    stiff = Diagram("stiff")
-    spring = stiff.add("spring", Oscillator(stiffness=1e6))  # 1000 rad/s
-    stiff.ground(spring.u)
+    stiff = series(spring=Oscillator(stiffness=1e6))  # 1000 rad/s
+    stiff.ground(stiff.spring.u)
     data, _ = made(stiff, tmp_path, duration=1.0)
     step = data["tick"][0] / data["tick"][1]
     assert 1.0 / 50e3 < step <= 1.0 / 20e3
@@ -205,12 +214,10 @@ def test_a_kept_run_stays_behind_until_it_is_forgotten(pid_page, window):
 
 
 def test_divergence_names_state_and_time(window, tmp_path):
-    diagram = Diagram("explosion")
-    square, x = diagram.add(
+    diagram = ring(
         square=Function(lambda u: u**2, {"u": Input()}, {"y": Output()}),
         x=Integrator(0.5),
     )
-    x >> square >> x
     window.open(diagram.live(tmp_path / "page.html", duration=5.0, step=0.01))
     # x = 1 / (2 - t)
     said = re.search(
@@ -345,8 +352,7 @@ def test_cursor_runs_charts_zoom_and_everything_is_reset(pid_page, window):
 
 
 def of(block):
-    diagram = Diagram("one block")
-    diagram.add(own=block)
+    diagram = series(own=block)
     for port in block.inputs():
         diagram.ground(port)
     return diagram

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 import scipy.linalg
 from numpy.testing import assert_allclose
-from systems import assert_near
+from systems import assert_near, ring, series
 
 from trussflow.blocks import (
     Block,
-    Diagram,
     Integrator,
     MatrixGain,
     Output,
@@ -52,26 +51,20 @@ class VanDerPol(Block):
 
 
 def diagram_of(block):
-    diagram = Diagram("d")
-    diagram.add(block=block)
-    return diagram
+    return series(block=block)
 
 
 def linear(matrix):
     """Return x' = A x, with all states one at the start."""
-    diagram = Diagram("linear")
-    rate, block = diagram.add(rate=MatrixGain(matrix), block=Integrator(np.ones(3)))
-    block >> rate >> block
-    return diagram
+    return ring(rate=MatrixGain(matrix), block=Integrator(np.ones(3)))
 
 
 def integral_of(function, breakpoints=()):
-    diagram = Diagram("integral")
-    source, block = diagram.add(
-        source=TimeFunction(function, breakpoints=breakpoints), block=Integrator()
+    return series(
+        "integral",
+        source=TimeFunction(function, breakpoints=breakpoints),
+        block=Integrator(),
     )
-    source >> block
-    return diagram
 
 
 @pytest.mark.parametrize(

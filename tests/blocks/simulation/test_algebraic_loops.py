@@ -1,7 +1,7 @@
 """Algebraic loops: found per port, through hierarchy, whatever runs and whatever is logged."""
 
 import pytest
-from systems import here
+from systems import here, ring
 
 from trussflow.blocks import (
     Block,
@@ -120,15 +120,12 @@ def test_slices_do_not_hide_a_loop():
 def test_sampled_blocks_break_loops_of_other_instants_only(backend):
     """Two sampled gains in a ring: legal while they never tick together."""
 
-    def ring(offset):
-        diagram = Diagram("ring")
-        a, b = diagram.add(a=Gain(0.5).sampled(0.2), b=Gain(0.5).sampled(0.2, offset))
-        a >> b >> a
-        return diagram
+    def gains(offset):
+        return ring(a=Gain(0.5).sampled(0.2), b=Gain(0.5).sampled(0.2, offset))
 
-    simulate(ring(0.1), 0.2, step=0.1, backend=backend)
+    simulate(gains(0.1), 0.2, step=0.1, backend=backend)
     with pytest.raises(AlgebraicLoopError, match="algebraic loop of 2 wires"):
-        simulate(ring(0.0), 0.2, step=0.1, backend=backend)
+        simulate(gains(0.0), 0.2, step=0.1, backend=backend)
 
 
 @pytest.mark.parametrize("python", [False, True])

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 import systems
-from systems import assert_near
+from systems import assert_near, series
 
-from trussflow.blocks import Diagram, Parameter, Session, Simulator, UnitDelay, simulate
+from trussflow.blocks import Parameter, Session, Simulator, UnitDelay, simulate
 from trussflow.blocks.errors import SimulationError
 
 GRAVITY, RESTITUTION = 9.81, 0.7
@@ -34,9 +34,7 @@ class PythonBall(Ball):
 
 
 def room(kind=Ball, gravity=GRAVITY, **parameters):
-    diagram = Diagram("room")
-    diagram.add(ball=kind(gravity=gravity, restitution=RESTITUTION, **parameters))
-    return diagram
+    return series(ball=kind(gravity=gravity, restitution=RESTITUTION, **parameters))
 
 
 def height_after(time):

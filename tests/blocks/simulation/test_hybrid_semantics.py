@@ -6,7 +6,7 @@ import campaign
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from systems import Counter, assert_near
+from systems import Counter, assert_near, ring
 
 from trussflow.blocks import (
     Block,
@@ -68,11 +68,7 @@ def squared_time():
 @pytest.mark.parametrize(("solver", "backend"), [*product(SOLVERS, BACKENDS)])
 def test_sampled_feedback_is_exact(solver, backend, gain):
     """X' = -2 x(t_k), sampled every 0.1 s, gives x(1) = 0.8^10 by hand."""
-    loop = Diagram("loop")
-    integral, feedback = loop.add(
-        integral=Integrator(1.0), feedback=gain(-2.0).sampled(0.1)
-    )
-    integral >> feedback >> integral
+    loop = ring(integral=Integrator(1.0), feedback=gain(-2.0).sampled(0.1))
     result = simulate(
         loop, 1.0, step=0.05, log_step=0.1, solver=solver, backend=backend
     )
@@ -149,9 +145,7 @@ def test_multirate_chain_is_exact(ratios, offsets, solver, backend, python):
 )
 def test_updates_are_simultaneous(backend, first, second):
     """Two cross-coupled delays swap their values at each instant."""
-    diagram = Diagram("swap")
-    a, b = diagram.add(a=first(0.1, 1.0), b=second(0.1, 2.0))
-    a >> b >> a
+    diagram = ring("swap", a=first(0.1, 1.0), b=second(0.1, 2.0))
     result = simulate(diagram, 0.5, step=0.1, backend=backend)
     assert_array_equal(result["a.y"], [1, 2, 1, 2, 1, 2])
     assert_array_equal(result["b.y"], [2, 1, 2, 1, 2, 1])

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from systems import assert_near
+from systems import assert_near, ring, series
 
 from trussflow.blocks import (
     Block,
@@ -248,9 +248,7 @@ def test_blocks_that_step_themselves_begin_again_where_a_session_is_restored_to_
 
 def test_python_blocks_in_a_circle_are_asked_once():
     """Noise and counters never settle: nothing waits for that."""
-    diagram = Diagram("circle")
-    begin, asked = diagram.add(begin=Follower(), asked=Asked().sampled(0.1))
-    begin >> asked >> begin
+    diagram = ring("circle", begin=Follower(), asked=Asked().sampled(0.1))
     result = simulate(diagram, 0.1, step=0.1)
     # 1, if the loop shows 0, so 1 + 2 * 1
     assert result["begin.y"].values.tolist() == [3.0, 3.0]
@@ -258,10 +256,8 @@ def test_python_blocks_in_a_circle_are_asked_once():
 
 
 def test_python_blocks_that_begin_later_show_nothing_yet():
-    diagram = Diagram("later")
-    source, asked, begin = diagram.add(
-        source=Constant(1.0), asked=Asked().sampled(0.2, 0.1), begin=Follower()
+    diagram = series(
+        "later", source=Constant(1.0), asked=Asked().sampled(0.2, 0.1), begin=Follower()
     )
-    source >> asked >> begin
     assert simulate(diagram, 0.1, step=0.1)["begin.y"].values.tolist() == [1.0, 1.0]
-    assert asked.times == [0.1]
+    assert diagram.asked.times == [0.1]

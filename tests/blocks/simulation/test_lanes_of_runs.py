@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
+from systems import ring
 
 from trussflow.blocks import (
     Block,
@@ -372,10 +373,7 @@ class Roots(Block):
 
 
 def switched(block):
-    diagram = Diagram("switched")
-    x, own = diagram.add(x=Integrator(1.0), own=block)
-    x >> own >> x
-    return diagram
+    return ring(x=Integrator(1.0), own=block)
 
 
 @pytest.mark.parametrize(

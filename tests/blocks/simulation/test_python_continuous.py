@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import systems
 from numpy.testing import assert_array_equal
-from systems import assert_near
+from systems import assert_near, series
 
 from trussflow.blocks import (
     Block,
@@ -160,9 +160,7 @@ class Stair(Block):
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_time_events_are_hit_exactly(solver):
     """The integral of a stair is a sum of ramps, exact for every solver."""
-    diagram = Diagram("stair")
-    stair, integral = diagram.add(stair=Stair(), integral=Integrator())
-    stair >> integral
+    diagram = series("stair", stair=Stair(), integral=Integrator())
     result = simulate(diagram, 1.0, step=0.1, solver=solver)
     assert result["stair.y"][-1] == 2.0
     assert result["integral.y"].values[-1] == pytest.approx(0.65 + 0.3, abs=1e-9)
@@ -205,8 +203,7 @@ class Endless(Stair):
 
 
 def test_events_without_end_are_refused(solver):
-    diagram = Diagram("endless")
-    diagram.add(stair=Endless())
+    diagram = series(stair=Endless())
     with pytest.raises(SimulationError, match=r"events without end at t = 0\.5 s"):
         simulate(diagram, 1.0, step=0.1, solver=solver)
 
@@ -214,9 +211,7 @@ def test_events_without_end_are_refused(solver):
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_time_events_at_instants_come_before_what_is_sampled_and_logged(solver):
     """A stair that jumps with the clock of what reads it: as with a traced source that jumps."""
-    diagram = Diagram("stair")
-    stair, hold = diagram.add(stair=Stair(0.5), hold=ZeroOrderHold(0.25))
-    stair >> hold
+    diagram = series("stair", stair=Stair(0.5), hold=ZeroOrderHold(0.25))
     expected = [0.0, 0.0, 1.0, 1.0, 2.0]
     result = simulate(diagram, 1.0, step=0.25, solver=solver, log_step=0.25)
     assert_array_equal(result["stair.y"], expected)
@@ -234,11 +229,8 @@ def test_time_events_at_instants_come_before_what_is_sampled_and_logged(solver):
 @pytest.mark.parametrize("solver", ["rk4", "euler", "RK45"])
 def test_an_indicator_that_is_zero_at_the_end_of_a_step_is_an_event(solver):
     """A ball whose steps, powers of two, end exactly at its bounce."""
-    diagram = Diagram("ball")
-    block, hold = diagram.add(
-        ball=systems.PythonBall(gravity=0.0, restitution=1.0), hold=ZeroOrderHold(0.25)
-    )
-    block.height >> hold.u
+    diagram = series(ball=systems.PythonBall(gravity=0.0, restitution=1.0))
+    diagram.ball.height >> diagram.add(hold=ZeroOrderHold(0.25))
     result = simulate(diagram, 1.5, step=0.25, solver=solver, initial={"ball.v": -1.0})
     assert result["ball.height"].values[-1] == pytest.approx(0.5, abs=1e-12)
 

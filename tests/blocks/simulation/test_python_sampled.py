@@ -6,7 +6,7 @@ import threading
 
 import numpy as np
 import pytest
-from systems import Time, assert_near
+from systems import Time, assert_near, series
 
 from trussflow.blocks import (
     Block,
@@ -87,9 +87,7 @@ class Faulty(Block):
 
 
 def test_python_code_sees_numbers_and_tunable_parameters(backend):
-    diagram = Diagram("d")
-    time, python = diagram.add(time=Time(), python=Branching().sampled(0.1))
-    time >> python
+    diagram = series(time=Time(), python=Branching().sampled(0.1))
     simulator = Simulator(diagram, step=0.05, backend=backend)
     for limit in (0.25, 0.05):
         result = simulator.run(0.45, parameters={"python.limit": limit})

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from systems import series
 
-from trussflow.blocks import Block, Diagram, Function, Input, Output, Session, State
+from trussflow.blocks import Block, Function, Input, Output, Session, State
 from trussflow.blocks.errors import (
     DivergenceError,
     NameLookupError,
@@ -88,8 +89,7 @@ def test_wrong_times_and_orders_are_refused():
             pytest.raises(SimulationError, match="snapshot is of a diagram with other"),
         ):
             alien.restore(session.save())
-    diagram = Diagram("open")
-    diagram.add(plant=Bad())
+    diagram = series(plant=Bad())
     with pytest.raises(OpenInputError, match=r"'plant\.u'"):
         Session(diagram, step=STEP)
 

@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from systems import assert_near
+from systems import assert_near, series
 
 from trussflow.blocks import (
     Block,
@@ -42,10 +42,7 @@ SETTINGS = {"step": 0.1, "backend": "interpreted"}
 
 def falling():
     """Return a root of what falls below zero after t = 0.5 s."""
-    diagram = Diagram("falling")
-    ramp, root = diagram.add(ramp=Ramp(-1.0, initial_value=0.5), root=Function(np.sqrt))
-    ramp >> root
-    return diagram
+    return series(ramp=Ramp(-1.0, initial_value=0.5), root=Function(np.sqrt))
 
 
 @pytest.fixture(params=["memory", "disk"])
@@ -98,9 +95,7 @@ class Timer(Block):
 
 def test_an_event_whose_time_changes_between_events_is_refused():
     """It came late, or not at all: solvers look at the time of an event only after events."""
-    diagram = Diagram("timer")
-    source, timer = diagram.add(source=Step(0.3), timer=Timer())
-    source >> timer
+    diagram = series(source=Step(0.3), timer=Timer())
     with pytest.raises(BlockError, match=r"time of event 'ring' .* depends on input u"):
         simulate(diagram, 1.0, **SETTINGS)
 
@@ -180,10 +175,8 @@ def test_sources_without_a_missed_jump_do_not_warn(source):
 
 
 def test_checks_between_parameters_hold_in_runs_and_sessions():
-    diagram = Diagram("d")
-    one, s = diagram.add(one=Constant(5.0), s=Saturation(-1.0, 1.0))
-    one >> s
-    diagram.expose(y=s.y)
+    diagram = series(one=Constant(5.0), s=Saturation(-1.0, 1.0))
+    diagram.expose(y=diagram.s.y)
     simulator = Simulator(diagram, **SETTINGS)
     with pytest.raises(
         ParameterError, match=r"'lower' of block 's' is 3\.0, but 'upper' is 1\.0"
@@ -227,10 +220,8 @@ def test_simulators_and_sessions_are_rebuilt_by_pickle_and_copy():
 
 
 def test_linear_models_are_rebuilt_by_pickle():
-    diagram = Diagram("d")
-    g, i = diagram.add(g=Gain(2.0), i=Integrator())
-    g >> i
-    diagram.expose(u=g.u, y=i.y)
+    diagram = series(g=Gain(2.0), i=Integrator())
+    diagram.expose(u=diagram.g.u, y=diagram.i.y)
     model = linearize(diagram)
     other = pickle.loads(pickle.dumps(model))
     assert_array_equal(other.B, model.B)

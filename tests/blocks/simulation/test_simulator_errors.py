@@ -10,7 +10,7 @@ import pytest
 import systems
 import xarray as xr
 from numpy.testing import assert_allclose, assert_array_equal
-from systems import assert_near
+from systems import assert_near, ring, series
 
 from trussflow.blocks import (
     Block,
@@ -63,15 +63,11 @@ class Counter(systems.Counter):
 
 
 def grower(**parameters):
-    diagram = Diagram("d")
-    diagram.add(box=Grower(**parameters))
-    return diagram
+    return series(box=Grower(**parameters))
 
 
 def counter(every=0.1):
-    diagram = Diagram("d")
-    diagram.add(count=Counter().sampled(every))
-    return diagram
+    return series(count=Counter().sampled(every))
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf, "1", 1j])
@@ -205,9 +201,7 @@ def test_adaptive_solver_that_gives_up_keeps_the_log(solver, backend):
 
 @pytest.mark.parametrize("solver", ["RK45", "Rodas5P", "auto"])
 def test_derivative_that_is_not_finite_at_the_start(solver):
-    diagram = Diagram("d")
-    bad, log = diagram.add(bad=Integrator(), log=Function(np.log))
-    bad >> log >> bad
+    diagram = ring(bad=Integrator(), log=Function(np.log))
     with pytest.raises(
         DivergenceError, match=r"after t = 0 s: .* derivative of 'bad\.integral' is not"
     ):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from numpy.testing import assert_allclose
+from systems import ring, series
 
 from trussflow.blocks import (
     Block,
@@ -59,9 +60,7 @@ class Equations(Block):
 
 
 def diagram_of(rates, start):
-    diagram = Diagram("d")
-    diagram.add(block=Equations(rates, start))
-    return diagram
+    return series(block=Equations(rates, start))
 
 
 def swinging(t, x):
@@ -256,7 +255,7 @@ def bent(a, b):
     return (np.sin(a) * b + np.exp(-a * b),)
 
 
-def ring(t, x):
+def neighbours(t, x):
     n = len(x)
     pairs = [(x[i], x[i - 1] * (1.0 + t)) for i in range(n)]
     return np.stack([rate for (rate,) in repeated(bent, pairs)])
@@ -264,7 +263,7 @@ def ring(t, x):
 
 def test_sparse_jacobian_is_exact():
     """With kernels, against CasADi's derivative of the inlined equations."""
-    plan = Plan(diagram_of(ring, np.ones(9)))
+    plan = Plan(diagram_of(neighbours, np.ones(9)))
     prepared = Prepared(plan, [derivative()], Solver(solver="Rodas5P"))
     program, jacobian = prepared.programs[0], prepared.jacobian
     assert program.calls
@@ -323,11 +322,11 @@ def test_large_diffusion_needs_few_evaluations():
 def test_rows_of_a_small_memory(solver, monkeypatch):
     """Rows that do not fit into the memory of one call are written by the next ones."""
     monkeypatch.setattr("trussflow.blocks.simulation.run.CHUNK_NUMBERS", 6)
-    diagram = Diagram("linear")
-    rate, block = diagram.add(
-        rate=MatrixGain([[0.0, 1.0], [-1.0, 0.0]]), block=Integrator([0.0, 1.0])
+    diagram = ring(
+        "linear",
+        rate=MatrixGain([[0.0, 1.0], [-1.0, 0.0]]),
+        block=Integrator([0.0, 1.0]),
     )
-    block >> rate >> block
     result = simulate(diagram, 5.0, solver=solver, log_step=0.01)
     assert_allclose(result["block.y"][:, 0], np.sin(result.time), rtol=0, atol=1e-6)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from systems import differences, ports
+from systems import differences, ports, ring, series
 
 from trussflow.blocks import (
     Block,
@@ -35,10 +35,7 @@ from trussflow.models.plant.tunable_truss import TunableTruss
 
 
 def decay(gain=-2.0, start=3.0):
-    diagram = Diagram("decay")
-    law, level = diagram.add(law=Gain(gain), level=Integrator(start))
-    law >> level >> law
-    return diagram
+    return ring(law=Gain(gain), level=Integrator(start))
 
 
 def end(run):
@@ -188,9 +185,7 @@ class Curved(Block):
 
 
 def test_curved_initial_states_are_refused():
-    diagram = Diagram("curved")
-    one, curved = diagram.add(one=Constant(1.0), curved=Curved())
-    one >> curved
+    diagram = series("curved", one=Constant(1.0), curved=Curved())
     with pytest.raises(SimulationError, match=r"no affine function of 'curved\.start'"):
         gradient(
             diagram,

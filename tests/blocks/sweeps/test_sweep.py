@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
-from systems import decay, ports
+from systems import decay, ports, series
 
 from trussflow.blocks import (
     Constant,
@@ -31,13 +31,10 @@ cloudpickle.register_pickle_by_value(sys.modules[__name__])
 
 
 def noisy():
-    diagram = Diagram("noisy")
-    noise, double = diagram.add(
+    return series(
         noise=Noise(1.0, 0.1, seed=0),
         double=PythonFunction(lambda u: 2.0 * u, 0.1, **ports(u=(), y=())),
     )
-    noise >> double.u
-    return diagram
 
 
 VARIATION = {
@@ -271,8 +268,7 @@ def test_distributions_that_are_complete_without_parameters(distribution):
 
 def test_more_lists_than_an_array_has_axes():
     values = {f"values.value[{k}]": [float(k)] for k in range(70)}
-    diagram = Diagram("many")
-    diagram.add(values=Constant(np.zeros(70)))
+    diagram = series(values=Constant(np.zeros(70)))
     runs = sweep(diagram, 0.1, step=0.1, vary=values, keep=lambda _: 0.0)
     assert float(runs["values.value[69]"][0]) == 69.0
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from systems import Ball, differences
+from systems import Ball, differences, ring, series
 
 from trussflow.blocks import (
     Block,
@@ -72,16 +72,11 @@ class Kept(Block):
 
 
 def kept():
-    diagram = Diagram("kept")
-    wave, kept = diagram.add(wave=Sine(2.0, 5.0, phase=-1.0), kept=Kept())
-    wave >> kept
-    return diagram
+    return series("kept", wave=Sine(2.0, 5.0, phase=-1.0), kept=Kept())
 
 
 def room():
-    diagram = Diagram("room")
-    diagram.add(ball=Ball(restitution=0.8))
-    return diagram
+    return series(ball=Ball(restitution=0.8))
 
 
 def height(time, restitution=0.8, gravity=10.0, start=1.0):
@@ -143,12 +138,7 @@ def saturated():
 
 
 def charged():
-    diagram = Diagram("charged")
-    charge, growth, late = diagram.add(
-        charge=Charge(), growth=Gain(0.7), late=UnitDelay(0.1, 0.5)
-    )
-    charge >> growth >> late >> charge
-    return diagram
+    return ring(charge=Charge(), growth=Gain(0.7), late=UnitDelay(0.1, 0.5))
 
 
 def delayed():
@@ -239,8 +229,7 @@ class Counted(Ball):
 
 
 def test_events_that_are_one_move_as_one():
-    both = Diagram("both")
-    both.add(ball=Counted(restitution=0.8))
+    both = series(ball=Counted(restitution=0.8))
     found = [
         gradient(
             diagram, 0.9, lambda run: run["ball.height"][-1], {"ball.z": 1.0}, step=0.01

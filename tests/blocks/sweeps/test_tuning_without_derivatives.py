@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from systems import approach, ports
+from systems import approach, ports, ring
 
 from trussflow.blocks import (
     Constant,
@@ -39,11 +39,9 @@ def test_the_switching_time_of_a_relay_is_found():
 
     Both levels of the relay are one number, or it would be told one above the other; the solver is adaptive.
     """
-    diagram = Diagram("bang-bang")
-    relay, speed, place = diagram.add(
+    diagram = ring(
         relay=Relay(0.3, on=-1.0, off=1.0), speed=Integrator(), place=Integrator()
     )
-    relay >> speed >> place >> relay
     found = tune(
         diagram,
         2.0,

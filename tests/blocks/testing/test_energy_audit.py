@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import systems
-from systems import assert_near
+from systems import assert_near, series
 
 from trussflow.blocks import (
     Block,
@@ -176,12 +176,11 @@ class Ball(systems.Ball):
 
 def test_energy_that_an_event_takes_away_is_counted():
     """Of 10 J a bounce leaves a quarter; without the count as much is missing."""
-    diagram = Diagram("fall")
-    ball = diagram.add(ball=Ball())
+    diagram = series(ball=Ball())
     energy_audit(diagram, 0.8, step=1e-2, backend="interpreted").raise_for_missing(
         1e-10
     )
-    forgetful = {"ball": EnergyAccount(stored=ball.energy)}
+    forgetful = {"ball": EnergyAccount(stored=diagram.ball.energy)}
     found = energy_audit(
         diagram, 0.8, step=1e-2, backend="interpreted", accounts=forgetful
     )

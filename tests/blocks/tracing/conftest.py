@@ -1,9 +1,9 @@
 """Fixtures of the tests of the compiler and its cache."""
 
 import pytest
-from systems import Oscillator
+from systems import Oscillator, series
 
-from trussflow.blocks import Diagram, simulate
+from trussflow.blocks import simulate
 from trussflow.blocks.support import call_site, temporary_folders
 from trussflow.blocks.tracing.compiler import find_compiler, identity
 
@@ -32,9 +32,8 @@ def run():
     """Return a function that runs ten steps of an oscillator on a backend."""
 
     def run_on(backend="auto"):
-        diagram = Diagram("d")
-        spring = diagram.add(spring=Oscillator())
-        diagram.ground(spring.u)
+        diagram = series(spring=Oscillator())
+        diagram.ground(diagram.spring.u)
         return simulate(diagram, 1.0, step=0.1, backend=backend)
 
     return run_on

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from systems import series
 
 from trussflow.blocks import (
     Block,
@@ -126,10 +127,9 @@ def shown(diagram, **settings):
 
 def many(**blocks):
     """Return a diagram of blocks that all have the same input."""
-    diagram = Diagram("many")
-    source = diagram.add(source=Constant(0.7))
+    diagram = series(source=Constant(0.7))
     for block in diagram.add(**blocks) if len(blocks) > 1 else [diagram.add(**blocks)]:
-        source.y >> block.u
+        diagram.source.y >> block.u
     return diagram
 
 

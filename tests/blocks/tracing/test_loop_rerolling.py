@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from systems import series
 
 from trussflow.blocks import (
     Block,
@@ -113,9 +114,7 @@ def full(n):
 
 def rod(n):
     """Return a rod of n points."""
-    diagram = Diagram("rod")
-    diagram.add(rod=Rod(n))
-    return diagram
+    return series("rod", rod=Rod(n))
 
 
 @pytest.mark.parametrize("diagram", [many(40), chain(24), full(90), rod(200)])
@@ -224,10 +223,6 @@ def test_what_all_elements_take_is_computed_once():
 
 
 def test_a_constant_of_many_elements_is_built_and_runs():
-    diagram = Diagram("many")
-    constant, gain = diagram.add(
-        constant=Constant(np.arange(30_000) / 7.0), gain=Gain(2.0)
-    )
-    constant >> gain
+    diagram = series("many", constant=Constant(np.arange(30_000) / 7.0), gain=Gain(2.0))
     result = simulate(diagram, 0.01, step=1e-2, log=["gain.y"])
     assert_array_equal(result["gain.y"][-1], 2.0 * np.arange(30_000) / 7.0)

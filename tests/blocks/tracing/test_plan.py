@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from systems import series
 
 from trussflow.blocks import Constant
 from trussflow.blocks.errors import NameLookupError, ParameterError, SimulationError
@@ -100,11 +101,7 @@ def test_code_is_shared_by_what_differs_in_parameters_only(monkeypatch):
 
 
 def test_overrides_win_and_are_seen_by_those_who_start_at_their_input():
-    diagram = Diagram("d")
-    level, first, second, third = diagram.add(
-        level=Constant(3.0), first=Lag(), second=Lag(), third=Lag()
-    )
-    level >> first >> second >> third
+    diagram = series(level=Constant(3.0), first=Lag(), second=Lag(), third=Lag())
     plan = Plan(diagram)
     p = plan.parameters({"level.value": 7.0})
     x, _ = plan.initial(p, {"second.x": 4.0})

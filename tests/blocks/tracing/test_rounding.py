@@ -3,10 +3,10 @@
 import campaign
 import numpy as np
 import pytest
+from systems import series
 
 from trussflow.blocks import (
     DeadZone,
-    Diagram,
     Function,
     Gain,
     RateLimiter,
@@ -32,12 +32,8 @@ seeds = pytest.mark.parametrize(
 def products(seed):
     """Return a diagram with random multiples of a sine, and limits that they exceed."""
     gains = np.random.default_rng(seed).uniform(0.1, 2.0, CHANNEL_COUNT)
-    diagram = Diagram("products")
-    source, product = diagram.add(
-        source=Sine(np.ones(CHANNEL_COUNT), 3.0), product=Gain(gains)
-    )
-    source >> product
-    return diagram, product, gains / 2.0
+    diagram = series(source=Sine(np.ones(CHANNEL_COUNT), 3.0), product=Gain(gains))
+    return diagram, diagram.product, gains / 2.0
 
 
 @seeds
@@ -66,7 +62,5 @@ def test_product_used_twice_in_an_equation_is_rounded_once(backend):
         product = 0.1 * u
         return product - np.clip(product, -0.2, 0.2)
 
-    diagram = Diagram("excess")
-    source, law = diagram.add(source=Sine(1.0, 3.0), law=Function(excess))
-    source >> law
+    diagram = series(source=Sine(1.0, 3.0), law=Function(excess))
     assert not simulate(diagram, 2.0, step=STEP, backend=backend)["law.y"].any()

@@ -4,6 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from systems import ring, series
 
 from trussflow.blocks import Constant, Gain, Integrator, simulate
 from trussflow.blocks.errors import TracingError
@@ -246,9 +247,7 @@ def test_a_kernel_is_called_once_in_whatever_order_blocks_are_added(seed):
 
 
 def test_a_plan_is_evaluated_with_numbers_while_another_is_traced():
-    inner = Diagram("inner")
-    state, gain = inner.add(state=Integrator(2.0), gain=Gain(-1.0))
-    state >> gain >> state
+    inner = ring(state=Integrator(2.0), gain=Gain(-1.0))
     plan = Plan(inner)
 
     class Inner(Block):
@@ -258,9 +257,7 @@ def test_a_plan_is_evaluated_with_numbers_while_another_is_traced():
             given = plan.parameters(None)
             point = plan.initial(given, None)
             evaluation = plan.evaluate(0.0, *point, given, frozenset())
-            return {"y": u.u * float(evaluation.output(gain.y))}
+            return {"y": u.u * float(evaluation.output(inner.gain.y))}
 
-    outer = Diagram("outer")
-    source, block = outer.add(source=Constant(3.0), block=Inner())
-    source >> block
+    outer = series(source=Constant(3.0), block=Inner())
     assert simulate(outer, 0.1, step=0.1)["block.y"][-1] == -6.0

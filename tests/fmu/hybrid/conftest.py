@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from systems import Ball, assert_near, ports
+from systems import Ball, assert_near, ports, ring, series
 
 from trussflow.blocks import (
     Block,
@@ -224,10 +224,8 @@ def flights(t, height=1.0):
 
 
 def oscillator(begin=0.0, **parameters):
-    diagram = Diagram("oscillator")
-    relay, integral = diagram.add(relay=Relay(**parameters), integral=Integrator(begin))
-    relay >> integral >> relay
-    return exposed(diagram, integral.y)
+    diagram = ring("oscillator", relay=Relay(**parameters), integral=Integrator(begin))
+    return exposed(diagram, diagram.integral.y)
 
 
 def thermostat():
@@ -248,17 +246,13 @@ def exponentials(t):
 
 
 def slider():
-    diagram = Diagram("slider")
-    force, mass = diagram.add(force=Ramp(1.0, start_time=2.0), mass=Slider())
-    force >> mass
-    return exposed(diagram, mass.y)
+    diagram = series(force=Ramp(1.0, start_time=2.0), mass=Slider())
+    return exposed(diagram, diagram.mass.y)
 
 
 def tank():
-    diagram = Diagram("tank")
-    constant, filled = diagram.add(constant=Constant(0.25), tank=Tank())
-    constant >> filled
-    return exposed(diagram, filled.y)
+    diagram = series(constant=Constant(0.25), tank=Tank())
+    return exposed(diagram, diagram.tank.y)
 
 
 def stair(period=0.3):
@@ -302,15 +296,13 @@ def cascade():
 
 def sampled_jump():
     """Put a relay behind a sampler, and integrate what it says."""
-    diagram = Diagram("jump")
-    jump, hold, relay, integral = diagram.add(
+    diagram = series(
         jump=Step(0.6, final_value=2.0),
         hold=ZeroOrderHold(0.5),
         relay=Relay(),
         integral=Integrator(),
     )
-    jump >> hold >> relay >> integral
-    return exposed(diagram, integral.y)
+    return exposed(diagram, diagram.integral.y)
 
 
 def multirate():

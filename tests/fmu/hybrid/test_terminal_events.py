@@ -6,6 +6,7 @@ import subprocess
 import pytest
 from fmpy import simulate_fmu
 from numpy.testing import assert_allclose
+from systems import series
 
 from trussflow.blocks import (
     Constant,
@@ -131,10 +132,8 @@ def test_plain_c_returns_two(tmp_path):
 
 def test_gradients_of_runs_that_end_later():
     """The clock is q t: its derivative by q is t; a run that ends within the duration has no gradient."""
-    d = Diagram("slow")
-    one, gain, clock = d.add(one=Constant(1.0), gain=Gain(2.0), clock=Integrator())
-    one >> gain >> clock
-    clock.y - 3.0 >> d.add(stop=StopWhen())
+    d = series(one=Constant(1.0), gain=Gain(2.0), clock=Integrator())
+    d.clock.y - 3.0 >> d.add(stop=StopWhen())
 
     def last(run):
         return run["clock.y"][-1]

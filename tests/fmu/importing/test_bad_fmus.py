@@ -7,8 +7,9 @@ import zipfile
 
 import fmpy
 import pytest
+from systems import series
 
-from trussflow.blocks import Diagram, simulate
+from trussflow.blocks import simulate
 from trussflow.fmu import (
     Fmu,
     FmuArchiveError,
@@ -26,8 +27,7 @@ LIBRARY = f"binaries/{fmpy.platform}/model{fmpy.sharedLibraryExtension}"
 
 
 def run(block):
-    diagram = Diagram("bad")
-    diagram.add(fmu=block)
+    diagram = series(fmu=block)
     simulate(diagram, 1.0, step=0.1)
 
 

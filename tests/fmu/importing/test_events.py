@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from systems import assert_near, ports
+from systems import assert_near, ports, series
 
 from trussflow.blocks import (
     Diagram,
@@ -52,9 +52,7 @@ def made(path, kind, **settings):
 
 
 def in_diagram(block):
-    diagram = Diagram("test")
-    diagram.add(fmu=block)
-    return diagram
+    return series(fmu=block)
 
 
 @pytest.mark.parametrize("solver", SOLVERS)

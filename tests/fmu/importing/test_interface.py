@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from systems import assert_near
+from systems import assert_near, series
 
 from trussflow.blocks import Constant, Diagram, Ramp, Session, simulate
 from trussflow.blocks.errors import BlockError
@@ -312,8 +312,7 @@ def test_gathered_parameters(make_fmu):
     assert_array_equal(
         Fmu(path, kind="me", parameters={"k[2]": 7.0}).parameters["k"], [9.81, 7.0]
     )
-    diagram = Diagram("gathered")
-    diagram.add(fmu=block)
+    diagram = series(fmu=block)
     last = simulate(diagram, 0.5, step=0.1)["fmu.h"][-1]
     assert last.item() == pytest.approx(1 - 1.6 * 0.125, abs=1e-12)
     with pytest.raises(

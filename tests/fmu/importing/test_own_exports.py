@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from fmpy import simulate_fmu
 from numpy.testing import assert_allclose, assert_array_equal
-from systems import assert_near
+from systems import assert_near, series
 
 from trussflow.blocks import (
     Constant,
@@ -100,25 +100,23 @@ RNG = np.random.default_rng(campaign.SEED)
 )
 def test_events_on_sample_instants(version, period, high, late, sample, tmp_path):
     """Edges of pulses, counted in samples, are held at once: 0.56 s is early by round-off, 0.16 s late."""
-    diagram = Diagram("edges")
-    pulse, hold = diagram.add(
+    diagram = series(
+        "edges",
         pulse=Pulse(period * sample, high / period, delay=late * sample),
         hold=ZeroOrderHold(sample),
     )
-    pulse >> hold
-    diagram.expose(y=hold.y)
+    diagram.expose(y=diagram.hold.y)
     end = 2 * (period + late) * sample
     count = np.rint(np.arange(0.0, end + sample / 2, sample) / sample) - late
     expected = (count >= 0) & (count % period < high)
     for backend in ("numpy", "compiled"):
-        found = simulate(diagram, end, step=sample, log={"y": hold.y}, backend=backend)[
-            "y"
-        ]
+        found = simulate(
+            diagram, end, step=sample, log={"y": diagram.hold.y}, backend=backend
+        )["y"]
         assert_array_equal(found, expected, err_msg=backend)
     path = export(diagram, tmp_path / "edges.fmu", version=version, step=sample)
     for kind, name in (("cs", "CoSimulation"), ("me", "ModelExchange")):
-        importer = Diagram("importer")
-        importer.add(f=Fmu(path, kind=kind))
+        importer = series(f=Fmu(path, kind=kind))
         ours = simulate(importer, end, step=sample)["f.y"]
         assert_array_equal(ours, expected, err_msg=kind)
         for early in {version == "3.0" and kind == "cs", False}:
@@ -150,8 +148,7 @@ SYSTEMS = {
 
 
 def alone(block):
-    diagram = Diagram("alone")
-    diagram.add(f=block)
+    diagram = series(f=block)
     diagram.expose(**{port.name: port for port in (*block.inputs(), *block.outputs())})
     return diagram
 
@@ -234,8 +231,7 @@ def test_open_inputs_may_keep_declared_start_values(exported, systems):
         path = exported(
             systems.Oscillator(2), "2.0", name, start={"force": [0.5, force]}
         )
-        theirs = Diagram("theirs")
-        theirs.add(f=Fmu(path, kind="me", declared_starts=option))
+        theirs = series(f=Fmu(path, kind="me", declared_starts=option))
         if not option or force != 0.5:
             with pytest.raises(OpenInputError, match="force"):
                 simulate(theirs, 1.0, step=0.01)

@@ -6,8 +6,9 @@ import pytest
 import xarray as xr
 from numpy.testing import assert_allclose
 from scipy import stats
+from systems import series
 
-from trussflow.blocks import Constant, Diagram, TransferFunction, rerun, sweep
+from trussflow.blocks import Constant, TransferFunction, rerun, sweep
 from trussflow.fmu import Fmu, export
 
 ROUND_OFF = 1e-12
@@ -16,12 +17,10 @@ ROUND_OFF = 1e-12
 @pytest.mark.parametrize("kind", ["cs", campaign.only("me")])
 def test_a_sweep_over_a_diagram_with_an_fmu(kind, tmp_path):
     export(TransferFunction([1.0], [1.0, 1.0]), tmp_path / "lag.fmu")
-    diagram = Diagram("d")
-    constant, lag = diagram.add(
+    diagram = series(
         constant=Constant(1.0),
         lag=Fmu(tmp_path / "lag.fmu", kind=kind, step=0.01 if kind == "cs" else None),
     )
-    constant >> lag
     swept, alone = (
         sweep(
             diagram,

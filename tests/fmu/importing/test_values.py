@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
-from systems import ports
+from systems import ports, series
 
 from trussflow.blocks import Constant, Diagram, PythonFunction, Step, simulate
 from trussflow.fmu import Fmu, FmuError
@@ -36,8 +36,7 @@ def test_a_resized_array_has_the_values_of_the_block(make_fmu, chosen, gains):
     """Zeros are sent too. Values of the FMU's own are unknown after resizing: then it is no parameter."""
     others = {"in": 1.0, "u": 0.0, "number": 0.0, "flag": 0.0}
     block = Fmu(make_fmu("types", 3), kind="cs", step=0.1, start=others | chosen)
-    diagram = Diagram("sizes")
-    diagram.add(fmu=block)
+    diagram = series(fmu=block)
     expected = np.broadcast_to(2.0 if gains is None else gains, block.out.shape)
     assert (gains is None) == ("gains" not in block.parameters)
     if gains is not None:
@@ -159,8 +158,7 @@ def test_an_fmu_begins_with_what_python_blocks_show(make_fmu, version, every):
 
 def test_all_states_of_an_fmu_may_be_given(make_fmu, version):
     """It was not initialized then: there was nothing to find out."""
-    diagram = Diagram("given")
-    diagram.add(fmu=Fmu(make_fmu("ball", version), kind="me"))
+    diagram = series(fmu=Fmu(make_fmu("ball", version), kind="me"))
     result = simulate(
         diagram, 0.2, step=0.1, initial={"fmu.h_state": 3.0, "fmu.v": 1.0}
     )

@@ -4,9 +4,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from systems import actuator_limits, assert_near, respond
+from systems import actuator_limits, assert_near, respond, series
 
-from trussflow.blocks import Diagram, simulate
+from trussflow.blocks import simulate
 from trussflow.models import Hardware, ModelError, SpaceTruss
 from trussflow.models.dynamics.task_space import task_drift, to_body
 from trussflow.models.feasibility import fastest, single_failures, survey
@@ -159,14 +159,13 @@ def test_a_finer_grid_is_no_slower():
 
 def test_the_motion_passes_the_waypoints_from_rest_to_rest():
     path = fastest(TRUSS, CURVED, LIMITS)
-    diagram = Diagram("alone")
-    moves = diagram.add(moves=path)
+    diagram = series(moves=path)
     end = 0.01 * np.ceil(path.duration / 0.01) + 1.0
     result = simulate(diagram, end, step=0.01, backend="interpreted")
     position, velocity = (
         result[f"moves.{name}"].values for name in ("position", "velocity")
     )
-    assert position.shape[1] == TRUSS.rigid == moves.shape[0]
+    assert position.shape[1] == TRUSS.rigid == diagram.moves.shape[0]
     for waypoint in CURVED:
         assert np.min(np.linalg.norm(position[:, :6] - waypoint, axis=1)) < 2e-3
     assert position[-1, :6] == pytest.approx(CURVED[-1], abs=1e-12)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import systems
 
-from trussflow.blocks import Diagram, simulate
+from trussflow.blocks import simulate
 
 interpreted = pytest.fixture(scope="module", autouse=True)(systems.interpreted)
 
@@ -34,8 +34,7 @@ def free_motion():
     """Return a function that simulates a truss without inputs."""
 
     def move(truss, duration, q, v, **settings):
-        diagram = Diagram("free truss")
-        diagram.add(truss=truss)
+        diagram = systems.series(truss=truss)
         diagram.ground(truss.actuation)
         result = simulate(
             diagram, duration, initial={"truss.q": q, "truss.v": v}, **settings

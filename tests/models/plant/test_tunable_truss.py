@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from systems import relative_error
+from systems import relative_error, series
 
-from trussflow.blocks import Diagram, Simulator
+from trussflow.blocks import Simulator
 from trussflow.models import Hardware, ModelError, SpaceTruss
 from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.truss.truss_modes import TrussModes
@@ -31,8 +31,7 @@ def test_moves_as_the_truss_itself(exact):
     speeds = np.random.default_rng(3).uniform(-0.02, 0.02, tunable.n)
     runs = []
     for plant, values in ((tunable, tunable.truss_parameters(truss)), (itself, {})):
-        diagram = Diagram("free")
-        diagram.add(truss=plant)
+        diagram = series(truss=plant)
         diagram.ground(plant.actuation)
         parameters = {f"truss.{name}": value for name, value in values.items()}
         simulator = Simulator(diagram, step=1e-3, log_step=0.02)

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from systems import series
 
-from trussflow.blocks import Diagram, estimated_response, linearize
+from trussflow.blocks import estimated_response, linearize
 from trussflow.models import SpaceTruss
 
 OMEGA = np.array([3.0, 6.0, 10.0, 14.0, 16.2, 20.0, 25.0, 32.0, 45.0, 62.0])
@@ -14,9 +15,8 @@ FORCE = 1e-6
 @pytest.mark.campaign
 def test_plant_responds_as_its_linear_model():
     """Base force of Robot 4 to modal coordinates and grasp displacements, within 1 %."""
-    diagram = Diagram("plant")
-    truss = diagram.add(truss=SpaceTruss.consistent())
-    diagram.expose(actuation=truss.actuation)
+    diagram = series(truss=SpaceTruss.consistent())
+    diagram.expose(actuation=diagram.truss.actuation)
     force, outputs = (
         "truss.actuation[20]",
         ["truss.modal_coordinate", "truss.grasp_displacement"],

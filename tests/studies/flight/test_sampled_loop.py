@@ -7,15 +7,9 @@ import numpy as np
 import pytest
 from flight.sampled_loop import SampledLoop, spectral_radius
 from numpy.testing import assert_allclose
+from systems import ring
 
-from trussflow.blocks import (
-    Diagram,
-    DiscreteStateSpace,
-    Gain,
-    Session,
-    StateSpace,
-    linearize,
-)
+from trussflow.blocks import DiscreteStateSpace, Gain, Session, StateSpace, linearize
 from trussflow.blocks.linear_analysis.margins import channel_disks, frequencies_about
 
 H = 0.1
@@ -23,8 +17,8 @@ H = 0.1
 
 def loop_diagram():
     """Return an unstable plant of two states and commands, and a sampled controller of two states."""
-    diagram = Diagram("sampled")
-    plant, law, sign = diagram.add(
+    diagram = ring(
+        "sampled",
         plant=StateSpace(
             [[0.0, 1.0], [1.5, -0.1]], [[0.0, 0.2], [1.0, 0.5]], np.eye(2)
         ),
@@ -37,8 +31,7 @@ def loop_diagram():
         ),
         sign=Gain([1.0, 1.0]).sampled(H),
     )
-    plant >> law >> sign >> plant
-    diagram.expose(y=plant.y)
+    diagram.expose(y=diagram.plant.y)
     return diagram
 
 

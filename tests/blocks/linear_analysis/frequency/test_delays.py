@@ -4,9 +4,9 @@ import control
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from systems import ring
 
 from trussflow.blocks import (
-    Diagram,
     Gain,
     StateSpace,
     TransportDelay,
@@ -83,18 +83,16 @@ def test_delay_margin_with_direct_feedthrough(D):
     A, B, C = -np.eye(m) - np.eye(m, k=1), np.eye(m), 3.0 * np.eye(m)
     margin, omega = delay_margin(control.ss(A, B, C, D))
     for part in (0.98, 1.0, 1.02):
-        diagram = Diagram("late")
-        plant, late, back = diagram.add(
+        diagram = ring(
             plant=StateSpace(A, B, C, D),
             late=TransportDelay(part * margin, np.zeros(m), pade=10),
             back=Gain(-np.ones(m)),
         )
-        plant >> late >> back >> plant
-        wire = {"inputs": back.y, "outputs": back.y}
+        wire = {"inputs": diagram.back.y, "outputs": diagram.back.y}
         if part == 1.0:
-            L = -frequency_response(diagram, **wire, cut=back.y, omega=[omega]).frdata[
-                :, :, 0
-            ]
+            L = -frequency_response(
+                diagram, **wire, cut=diagram.back.y, omega=[omega]
+            ).frdata[:, :, 0]
             assert np.abs(np.linalg.eigvals(L) + 1.0).min() < 1e-8
         else:
             assert (linearize(diagram, **wire).poles().real.max() < 0.0) == (part < 1.0)

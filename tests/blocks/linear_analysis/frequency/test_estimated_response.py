@@ -6,7 +6,7 @@ import control
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from systems import assert_near, ports
+from systems import assert_near, ports, ring
 
 from trussflow.blocks import (
     Constant,
@@ -155,16 +155,15 @@ def test_a_nonlinear_loop_around_its_trim_point_answers_as_its_linear_model(pend
 
 def test_a_loop_gain_follows_from_the_response_of_the_closed_loop():
     """With w added before the plant, u = w - L u, so that S = 1 / (1 + L) is seen at its input."""
-    diagram = Diagram("loop")
-    plant, gain = diagram.add(
+    diagram = ring(
+        "loop",
         plant=StateSpace([[0.0, 1.0], [0.0, -1.0]], [0.0, 1.0], [1.0, 0.0]),
         gain=Gain(-2.0),
     )
-    plant >> gain >> plant
     found = estimated_response(
         diagram,
-        plant.u,
-        gain.y,
+        diagram.plant.u,
+        diagram.gain.y,
         omega=OMEGA,
         amplitude=1.0,
         step=2e-3,
@@ -172,7 +171,9 @@ def test_a_loop_gain_follows_from_the_response_of_the_closed_loop():
         realizations=1,
     )
     T = -np.ravel(found.complex)
-    loop = loop_transfer(diagram, plant.u).frequency_response(found.omega).complex
+    loop = (
+        loop_transfer(diagram, diagram.plant.u).frequency_response(found.omega).complex
+    )
     assert_allclose(T / (1 - T), np.ravel(loop), rtol=1e-5)
     assert np.isnan(found.standard_error).all()  # one realization does not say
 

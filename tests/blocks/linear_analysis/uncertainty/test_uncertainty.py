@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from systems import Oscillator
+from systems import Oscillator, series
 
 from trussflow.blocks import Diagram, Gain, StateSpace, ZeroOrderHold
 from trussflow.blocks.errors import (
@@ -88,13 +88,11 @@ def test_light_damping_is_not_lost_beside_stiffness():
 
 def pair(inputs, outputs):
     """Return an uncertain model with two inputs, three outputs and an array of gains."""
-    diagram = Diagram("pair")
-    gains, lags = diagram.add(
+    diagram = series(
         gains=Gain([1.0, 2.0]),
         lags=StateSpace(-np.eye(2), np.eye(2), [[1, 0], [0, 1], [1, 1]]),
     )
-    gains >> lags
-    diagram.expose(u=gains.u, y=lags.y)
+    diagram.expose(u=diagram.gains.u, y=diagram.lags.y)
     return uncertain(diagram, inputs, outputs, {"gains.gain": ([1.5, 2.5], [0.5, 1.0])})
 
 
@@ -126,10 +124,8 @@ def test_bounds_of_another_model_than_the_diagram_are_warned_of():
 
 
 def test_sampled_diagrams_are_uncertain_too():
-    diagram = Diagram("loop")
-    hold, plant = diagram.add(hold=ZeroOrderHold(0.1), plant=Oscillator())
-    hold >> plant
-    diagram.expose(u=hold.u, y=plant.y)
+    diagram = series(hold=ZeroOrderHold(0.1), plant=Oscillator())
+    diagram.expose(u=diagram.hold.u, y=diagram.plant.y)
     model = uncertain(diagram, "u", "y[0]", {"plant.stiffness": 0.2})
     assert model.nominal.dt == pytest.approx(0.1, rel=1e-12)
     found = worst_gain(model, [0.0, 1.9], tolerance=TOLERANCE)

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from systems import series
 
-from trussflow.blocks import Diagram, Noise, simulate
+from trussflow.blocks import Noise, simulate
 from trussflow.fmu import export
 from trussflow.models import Hardware, SpaceTruss, mean_axes_controller
 
 
 def check_same(item, given, step, instance, folder, samples):
     """Check all outputs at each step, with noise of these means and deviations at the inputs."""
-    diagram = Diagram("loop")
-    diagram.add(item=item)
+    diagram = series(item=item)
     for seed, (name, (mean, deviation)) in enumerate(given.items()):
         noise = diagram.add(name, Noise(np.full(mean.size, deviation), step, seed=seed))
         (noise.y + mean) >> item.port(name)

@@ -6,7 +6,7 @@ import campaign
 import numpy as np
 import pytest
 from fmpy import simulate_fmu
-from systems import assert_near
+from systems import assert_near, series
 
 from trussflow.blocks import Constant, Diagram, Integrator, Step, simulate
 
@@ -143,10 +143,8 @@ def test_a_run_may_start_at_any_time(exported, instance, systems):
 
 def stepping(jump, **parameters):
     """Return the integral of a step."""
-    diagram = Diagram("jump")
-    force, integral = diagram.add(force=Step(jump, **parameters), integral=Integrator())
-    force >> integral
-    diagram.expose(y=integral.y)
+    diagram = series("jump", force=Step(jump, **parameters), integral=Integrator())
+    diagram.expose(y=diagram.integral.y)
     return diagram
 
 

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
 from numpy.testing import assert_allclose, assert_array_equal
-from systems import PythonBall, assert_near, ports
+from systems import PythonBall, assert_near, ports, series
 
 from trussflow.blocks import (
     Constant,
-    Diagram,
     PythonFunction,
     Session,
     Step,
@@ -51,9 +50,7 @@ def test_stepped_fmu_equals_the_diagram_in_this_process(loop_fmu, instance, make
 
 def test_a_second_run_in_one_process_equals_the_first(loop_fmu):
     """The importer deletes the extracted files after the first run."""
-    diagram = Diagram("loop")
-    goal, fmu = diagram.add(goal=Constant(np.ones(2), unit="rad"), fmu=Fmu(loop_fmu))
-    goal >> fmu.goal
+    diagram = series(goal=Constant(np.ones(2), unit="rad"), fmu=Fmu(loop_fmu))
     first, second = (simulate(diagram, 0.1, step=1e-3) for _ in range(2))
     assert first.equals(second)
 
@@ -114,10 +111,8 @@ def test_outputs_follow_inputs_and_tuned_parameters_at_once(loop_fmu, instance):
 
 def test_start_time_is_the_time_of_the_equations(export, instance):
     """A step at 0.3 s comes at 0.3 s, whenever the run began; an adaptive solver may step anywhere."""
-    diagram = Diagram("late")
-    step, lag = diagram.add(step=Step(0.3), lag=TransferFunction([1.0], [1.0, 1.0]))
-    step >> lag
-    diagram.expose(y=lag.y)
+    diagram = series(step=Step(0.3), lag=TransferFunction([1.0], [1.0, 1.0]))
+    diagram.expose(y=diagram.lag.y)
     fmu = export(diagram, solver="DOP853")
     for begin in (0.0, 0.25):
         one = instance(fmu).start(begin=begin)
