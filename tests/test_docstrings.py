@@ -78,7 +78,7 @@ def parameters_of(function):
 
 def explanations(docs):
     """Return what docstrings say of each parameter: type and text in a section, or a sentence."""
-    found: dict[str, str] = {}
+    found = {}
     for doc in docs:
         parsed = NumpyDocString(doc)
         for entry in (entry for section in SECTIONS for entry in parsed[section]):

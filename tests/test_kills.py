@@ -76,7 +76,7 @@ for line in sys.stdin:
 """Lets a fork do a job, again and again until it kills it, or so often: what takes long is imported once."""
 
 
-READ: dict[str, Callable[[Path], object]] = {
+READ = {
     ".fmu": lambda path: (zipfile.ZipFile(path).testzip(), Fmu(path, kind="cs")),
     ".png": matplotlib.image.imread,
     ".json": lambda path: json.loads(path.read_text()),

@@ -2,9 +2,7 @@
 
 import math
 import re
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import campaign
 import fmpy
@@ -131,10 +129,10 @@ class Instance:
     def __init__(self, path, folder, kind, **settings):
         about = read_model_description(str(path), validate=False)
         self.folder = folder
-        self.log: list[tuple[int, str]] = []
+        self.log = []
         self.scalar = about.fmiVersion == "2.0"
-        self.references: dict[str, list[int]] = {}
-        self.sizes: dict[str, int] = {}
+        self.references = {}
+        self.sizes = {}
         for variable in about.modelVariables:
             name, reference = variable.name, variable.valueReference
             self.references.setdefault(re.sub(r"\[[\d,]+\]", "", name), []).append(
@@ -144,7 +142,7 @@ class Instance:
             self.sizes[name] = math.prod(int(d.start) for d in variable.dimensions)
         kinds = {"cs": (FMU2Slave, FMU3Slave), "me": (FMU2Model, FMU3Model)}
         make = kinds[kind][not self.scalar]
-        self.fmu: Any = make(
+        self.fmu = make(
             guid=about.guid,
             unzipDirectory=str(folder),
             modelIdentifier=about.coSimulation.modelIdentifier,
@@ -191,7 +189,7 @@ class Instance:
 
     def get(self, *names):
         """Return the elements of variables, of all if none is named."""
-        values: list[float] = []
+        values = []
         for name in names or self.sizes:
             if self.scalar:
                 values += self.getReal(self.references[name])
@@ -225,8 +223,8 @@ def version(request):
 @pytest.fixture
 def instance(tmp_path_factory):
     """Return a function that instantiates an FMU; all instances are freed at the end."""
-    alive: list[Instance] = []
-    folders: dict[Path, str] = {}
+    alive = []
+    folders = {}
 
     def make(path, kind="cs", **settings):
         if path not in folders:
@@ -259,7 +257,7 @@ def plant_fmu(request, plant, exported):
 def exported(tmp_path_factory):
     """Return a function that exports a system, once per version and name."""
     folder = tmp_path_factory.mktemp("exported")
-    done: dict[tuple[str, str], Path] = {}
+    done = {}
 
     def make(item, version="2.0", name="", **settings):
         key = (name or item.name, version)

@@ -2,7 +2,6 @@
 
 from functools import partial
 from itertools import product
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,9 +13,9 @@ from trussflow.fmu.ssp import export_ssp, import_ssp
 
 SCALARS = (None, True, 5, -1, 0.5, 1e300, 10**400, np.nan, object())
 TEXTS = ("", "a", "yes", "10", "a\0", "a" * 300, b"x")
-LISTS: Any = ([], [1], ["cs"], [[]], (), np.ones(2), iter([1]))
-MAPPINGS: Any = ({}, {5: 1}, {"u": "a"}, {"u": [1]}, {"s": 5})
-NONSENSE: list[Any] = [*SCALARS, *TEXTS, *LISTS, *MAPPINGS]
+LISTS = ([], [1], ["cs"], [[]], (), np.ones(2), iter([1]))
+MAPPINGS = ({}, {5: 1}, {"u": "a"}, {"u": [1]}, {"s": 5})
+NONSENSE = [*SCALARS, *TEXTS, *LISTS, *MAPPINGS]
 EXPORT = (
     "path",
     "kind",
@@ -95,7 +94,7 @@ def test_nonsense_is_refused_by_our_errors(name, calls):
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    "given, message",
     [
         ({"delayed": "no"}, r"Fmu needs delayed=True or delayed=False, not 'no'"),
         ({"logging": "yes"}, r"Fmu needs logging=True or logging=False, not 'yes'"),

@@ -136,7 +136,7 @@ def test_errors_name_the_line(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("read", "message"),
+    "read, message",
     [
         (
             lambda table: table.scalar("length", "mm"),

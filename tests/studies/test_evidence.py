@@ -52,7 +52,7 @@ def test_a_fingerprint_does_not_depend_on_the_signs_of_modes(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("study", "words", "computed", "target"),
+    "study, words, computed, target",
     [
         ("reproduction", [], "reproduction.__main__.fingerprints", "reproduce"),
         ("flight", [], "flight.report.fingerprints", "flight"),

@@ -240,7 +240,7 @@ ROOT = Path(__file__).parents[3]
 
 
 @pytest.mark.parametrize(
-    ("words", "fact"),
+    "words, fact",
     [
         ("new {0}/other.py --json", ("file", "{0}/other.py")),
         ("draw {1} --json", ("wires.0.1", "law.reference_position")),
@@ -306,7 +306,7 @@ def code_of(words):
 
 @pytest.mark.usefixtures("loop")
 @pytest.mark.parametrize(
-    ("words", "message"),
+    "words, message",
     [
         ("nonsense", "invalid choice: 'nonsense'"),
         ("new loop.py", "cannot write 'loop.py': it exists already"),

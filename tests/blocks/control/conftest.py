@@ -1,7 +1,5 @@
 """Runs of a filter by its equations, and random samples of a linear process."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 import systems
@@ -18,7 +16,7 @@ def follow():
     def run(block, measurements, commands=None):
         p = Signals("filter", dict(block.parameters))
         x = Signals("filter", {name: block.initial(name, p) for name in block.states()})
-        found: dict[str, list[Any]] = {}
+        found = {}
         for k, y in enumerate(measurements):
             u = Signals("filter", {"measurement": y})
             if commands is not None:

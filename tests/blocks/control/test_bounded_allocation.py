@@ -85,7 +85,7 @@ def free_gradient(weights, u, Q):
     return np.max(np.abs(gradient)) / max(1e-300, np.max(terms))
 
 
-@pytest.mark.parametrize(("m", "n"), [(1, 1), (2, 5), (4, 3), campaign.only(6, 9)])
+@pytest.mark.parametrize("m, n", [(1, 1), (2, 5), (4, 3), campaign.only(6, 9)])
 def test_optimal_on_every_backend(m, n):
     """Random problems, degenerate ones among them; the compiled code is what an FMU holds."""
     random = np.random.default_rng(10 * m + n)
@@ -260,8 +260,7 @@ def test_slope_by_weights():
 
 
 @pytest.mark.parametrize(
-    ("name", "after"),
-    [("lower", [1.0, -1.0]), ("spread", [[-1.0]]), ("demand", [-1.0])],
+    "name, after", [("lower", [1.0, -1.0]), ("spread", [[-1.0]]), ("demand", [-1.0])]
 )
 def test_problem_without_solution_ends_the_run(name, after, backend):
     """A lower limit above the upper one, a metric that is none, a demand that is not finite."""

@@ -1,7 +1,6 @@
 """The extended filter: against a recursion written by hand, and what it takes for its functions."""
 
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pytest
@@ -50,7 +49,7 @@ def by_hand(y, u, x, P, parts):
     return found
 
 
-MODEL: dict[str, Any] = {
+MODEL = {
     "rates": rates,
     "outputs": outputs,
     "states": 2,
@@ -63,7 +62,7 @@ MODEL: dict[str, Any] = {
 
 
 def extended(settings=None, **model):
-    start: dict[str, Any] = {"initial_covariance": 0.01, "initial_estimate": [0.5, 0.0]}
+    start = {"initial_covariance": 0.01, "initial_estimate": [0.5, 0.0]}
     return ExtendedKalmanFilter(
         NonlinearProcess(**MODEL | model), **start | (settings or {})
     )
@@ -117,7 +116,7 @@ def test_without_commands_there_is_no_port_for_them(follow):
 
 
 @pytest.mark.parametrize(
-    ("model", "error", "text"),
+    "model, error, text",
     [
         (
             {"rates": lambda t, x, _: x if t > 0 else -x},

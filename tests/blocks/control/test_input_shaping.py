@@ -53,7 +53,7 @@ def motions():
 
 @pytest.mark.parametrize("number", range(3))
 @pytest.mark.parametrize(
-    ("kind", "damping"), [("ZV", 0.0), ("ZVD", 0.0), ("ZV", 0.05), ("ZVD", 0.05)]
+    "kind, damping", [("ZV", 0.0), ("ZVD", 0.0), ("ZV", 0.05), ("ZVD", 0.05)]
 )
 def test_no_vibration_is_left(number, kind, damping):
     plain = motions()[number]
@@ -63,7 +63,7 @@ def test_no_vibration_is_left(number, kind, damping):
     assert left_over(plain, end, FREQUENCY, damping) > 1e-3
 
 
-@pytest.mark.parametrize(("kind", "order"), [("ZV", 1), ("ZVD", 2)])
+@pytest.mark.parametrize("kind, order", [("ZV", 1), ("ZVD", 2)])
 def test_residual_vibration_by_a_wrong_frequency(kind, order):
     """The residual is the fraction |cos(pi/2 f/F)|^n, of first order with ZV and of second with ZVD."""
 

@@ -123,7 +123,7 @@ def radar(_, x, __):
 
 
 @pytest.mark.parametrize(
-    ("rates", "outputs", "start", "spread", "density", "every"),
+    "rates, outputs, start, spread, density, every",
     [
         (pendulum, sideways, [1.0, 0.0], [1e-3, 1e-3], [0, 1e-3], 0.05),
         (falling, radar, [60.0, 3.0, 0.05], [1e-2, 1e-4, 1e-5], [0, 1e-6, 1e-9], 0.2),

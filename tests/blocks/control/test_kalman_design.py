@@ -1,7 +1,5 @@
 """Filters designed from diagrams and linear models: the right matrices, names and times."""
 
-from typing import Any
-
 import control
 import numpy as np
 import pytest
@@ -56,7 +54,7 @@ class TwoMasses(Block):
 A = np.array([[0, 0, 1, 0], [0, 0, 0, 1], [-10, 10, -0.15, 0.15], [20, -20, 0.3, -0.3]])
 B = np.array([[0, 0], [0, 0], [0.5, 0], [0, 1]])
 C = np.array([[1.0, 0, 0, 0]])
-SETTINGS: dict[str, Any] = {
+SETTINGS = {
     "measured": "cart",
     "inputs": "force",
     "every": EVERY,
@@ -87,7 +85,7 @@ def test_plant_is_sampled_exactly_with_its_disturbances():
     sampled = control.c2d(
         control.ss(wide, np.vstack([B, np.zeros((3, 2))])[:, :1], np.eye(7), 0), EVERY
     )
-    process: Any = block.process
+    process = block.process
     assert_near(process.A, sampled.A, ROUND_OFF)
     assert_near(process.B, sampled.B, ROUND_OFF)
     assert_array_equal(process.C, [[1, 0, 0, 0, 0, 1, 0]])
@@ -112,7 +110,7 @@ def block_fixture():
 
 
 @pytest.mark.parametrize(
-    ("name", "elements"),
+    "name, elements",
     [
         ("masses.position", [0, 1]),
         ("velocity", [2, 3]),

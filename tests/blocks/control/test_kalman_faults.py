@@ -2,7 +2,6 @@
 
 import contextlib
 from inspect import signature
-from typing import Any
 
 import control
 import numpy as np
@@ -32,11 +31,7 @@ from trussflow.blocks.errors import (
 
 
 def oscillator(**settings):
-    usual: dict[str, Any] = {
-        "every": 0.1,
-        "measurement_noise": 1.0,
-        "process_noise": [0.0, 1.0],
-    }
+    usual = {"every": 0.1, "measurement_noise": 1.0, "process_noise": [0.0, 1.0]}
     model = control.ss([[0, 1], [-4, 0]], [[0], [1]], [[1, 0]], 0)
     plant = settings.pop("plant", model)
     if isinstance(plant, control.StateSpace):
@@ -51,8 +46,8 @@ ACCELEROMETER = control.ss([[0, 1], [-4, -1]], [[0], [1]], [[-4, -1]], [[1]])
 DECAYING = control.ss(
     [[0, 1, 0], [-4, 0, 0], [0, 0, -1]], [[0], [1], [1]], [[1, 0, 0]], 0
 )
-STEP: dict[str, Any] = {"every": 0.1, "covariance": 1.0, "noise": 1.0}
-SCALAR: Any = LinearProcess([[0.5]], [[1.0]], [[1.0]], **STEP)
+STEP = {"every": 0.1, "covariance": 1.0, "noise": 1.0}
+SCALAR = LinearProcess([[0.5]], [[1.0]], [[1.0]], **STEP)
 
 
 def held():
@@ -64,7 +59,7 @@ def held():
 
 
 @pytest.mark.parametrize(
-    ("settings", "error", "text"),
+    "settings, error, text",
     [
         (
             {"plant": TWO, "process_noise": 1.0},
@@ -179,7 +174,7 @@ def test_unobserved_states_that_decay_are_left_to_the_model():
 
 
 @pytest.mark.parametrize(
-    ("build", "error", "text"),
+    "build, error, text",
     [
         (
             lambda: LinearProcess(

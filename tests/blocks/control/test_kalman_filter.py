@@ -95,7 +95,7 @@ def test_time_varying_filter_is_batch_least_squares(seed, follow):
         )
 
 
-@pytest.mark.parametrize(("behind", "ahead"), [(0, 0), (2, 0), (0, 3), (2, 1)])
+@pytest.mark.parametrize("behind, ahead", [(0, 0), (2, 0), (0, 3), (2, 1)])
 @pytest.mark.parametrize("make", [KalmanFilter, ExtendedKalmanFilter])
 def test_delays_shift_the_filter_without(behind, ahead, make, follow):
     """What was measured arrives later, and was commanded earlier: the same numbers, bit by bit."""

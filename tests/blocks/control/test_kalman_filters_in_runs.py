@@ -1,7 +1,5 @@
 """Filters in diagrams: every backend gives the same numbers, an FMU the very same."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -26,7 +24,7 @@ from trussflow.fmu import Fmu, export
 
 EVERY = 0.02  # s
 KINDS = ["steady", "varying", "extended"]
-SETTINGS: dict[str, Any] = {"step": 1e-3, "log_step": EVERY, "progress": False}
+SETTINGS = {"step": 1e-3, "log_step": EVERY, "progress": False}
 
 
 class Cart(Block):

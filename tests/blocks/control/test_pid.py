@@ -23,7 +23,7 @@ FOURTH_ORDER = 1e-6
 """RK4 with steps of 0.01 s, where jumps are multiples of the step."""
 
 
-@pytest.mark.parametrize(("b", "c"), [(1.0, 0.0), (0.3, 1.0)])
+@pytest.mark.parametrize("b, c", [(1.0, 0.0), (0.3, 1.0)])
 def test_transfer_functions_are_those_of_the_book(b, c):
     """From the reference kp b + ki/s + kd c s/(1 + T s), from the measurement minus that with b = c = 1."""
     pid = PID(

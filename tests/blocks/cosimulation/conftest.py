@@ -24,7 +24,7 @@ class SteppingRun(SelfStepping):
         )
         self.session = Session(block.inner, step=block.step)
         self.shown = np.zeros(0)
-        self.calls: list[str] = []
+        self.calls = []
 
     def start(self, time, inputs):
         self.session.start(inputs={"u": np.nan_to_num(inputs)}, time=time)
@@ -75,7 +75,7 @@ class Stepping(Block):
         )
         self.longest = longest
         self.columns, self.rows = inner.u.shape, inner.y.shape
-        self.runs: list[SteppingRun] = []
+        self.runs = []
         super().__init__()
 
     def feedthrough(self):

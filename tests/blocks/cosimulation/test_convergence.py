@@ -79,7 +79,7 @@ def test_members_without_output_refresh_are_first_order(stepping):
 
 
 @pytest.mark.parametrize(
-    ("coupling", "members", "expected"),
+    "coupling, members, expected",
     [
         ("jacobi", ["a", "b"], (1.0 + 0.5 * 2.0, 2.0 + 0.5 * 1.0)),
         ("gauss-seidel", ["a", "b"], (2.0, 2.0 + 0.5 * 2.0)),

@@ -195,7 +195,7 @@ def test_initial_states_that_depend_on_other_members_are_solved(members):
 
 
 @pytest.mark.parametrize(
-    ("settings", "error", "message"),
+    "settings, error, message",
     [
         (
             {"coupling": "seidel"},
@@ -269,7 +269,7 @@ def test_arguments_that_make_no_sense(settings, error, message):
 
 
 @pytest.mark.parametrize(
-    ("settings", "message"),
+    "settings, message",
     [
         (
             {"initial": {"own.x": 1.0}},

@@ -57,7 +57,7 @@ def hidden():
 
 
 @pytest.mark.parametrize(
-    ("make", "members"),
+    "make, members",
     [
         (discrete, ["a"]),
         (discrete, ["a", "total"]),

@@ -48,8 +48,7 @@ def largest_error(result):
 
 
 @pytest.mark.parametrize(
-    ("coupling", "tolerance"),
-    [("jacobi", 0.03), ("gauss-seidel", 0.03), ("iterate", 0.1)],
+    "coupling, tolerance", [("jacobi", 0.03), ("gauss-seidel", 0.03), ("iterate", 0.1)]
 )
 def test_the_error_stays_below_the_tolerance(coupling, tolerance):
     schemes = {"coupling": coupling, "tolerance": tolerance}

@@ -248,7 +248,7 @@ def test_file_holds_the_picture(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "fault"),
+    "name, fault",
     [
         ("picture.png", "pictures are SVG, pages HTML; name the file .svg or .html"),
         ("missing/picture.svg", "No such file"),

@@ -168,7 +168,7 @@ def crossings_and_bends(nets):
     return len(points), sum(len(path) - 2 for net in nets for path in net.paths)
 
 
-@pytest.mark.parametrize(("graph", "crossings", "bends"), GRAPHS)
+@pytest.mark.parametrize("graph, crossings, bends", GRAPHS)
 def test_hardly_more_crossings_and_bends_than_elkjs_draws(graph, crossings, bends):
     boxes, nets = graph
     size = layout(boxes, nets)
@@ -211,7 +211,7 @@ def test_negative_input_of_a_sum_is_its_feedback(first):
     assert back.entry == 1  # from below
 
 
-@pytest.mark.parametrize(("number", "total", "end"), [(6, 1, 5), (5, 2, 3)])
+@pytest.mark.parametrize("number, total, end", [(6, 1, 5), (5, 2, 3)])
 def test_signals_run_on_at_one_height_and_feedback_is_below(number, total, end):
     """A chain with feedback from a box to a sum is level and in order."""
     boxes = [Box(50.0, 40.0) for _ in range(number)]

@@ -145,7 +145,7 @@ def with_a_loop(u):
 
 
 @pytest.mark.parametrize(
-    ("block", "texts"),
+    "block, texts",
     [
         (Gain(-2.5e-6), ["−2.5·10−6"]),
         (Constant([1.0, -2.0], unit="m/s**2"), ["[1 −2] m/s²"]),

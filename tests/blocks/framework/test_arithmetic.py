@@ -81,7 +81,7 @@ def test_random_expressions_are_numpys(data):
 
 
 @pytest.mark.parametrize(
-    ("write", "expected"),
+    "write, expected",
     [
         (lambda d: 1.0 - d.a, -0.5),
         (lambda d: d.v / 2, [0.5, -1.0, 0.25]),
@@ -181,7 +181,7 @@ def test_operation_by_itself():
 
 
 @pytest.mark.parametrize(
-    ("build", "message"),
+    "build, message",
     [
         (
             lambda: Operation("^"),

@@ -48,7 +48,7 @@ def test_sizes_and_units_may_come_from_attributes():
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    "given, message",
     [
         ({}, "Plant needs a value for its parameter 'mass'"),
         (
@@ -138,7 +138,7 @@ class Extra(Block):
 
 
 @pytest.mark.parametrize(
-    ("ports", "message"),
+    "ports, message",
     [
         (5, "extra_ports of Extra must be given by name, as a dict, not as 5"),
         ({3: Input()}, "3 is no name"),
@@ -193,7 +193,7 @@ def test_block_is_continuous_or_sampled():
 
 
 @pytest.mark.parametrize(
-    ("every", "offset"),
+    "every, offset",
     [(0, 0), (-1, 0), (np.nan, 0), (np.inf, 0), (1, 1), (1, -0.1), ("x", 0)],
 )
 def test_sample_times_make_sense(every, offset):
@@ -221,7 +221,7 @@ def test_continuous_states_cannot_be_sampled():
 
 
 @pytest.mark.parametrize(
-    ("initial", "message"),
+    "initial, message",
     [
         ("missing", "block 'b' has no 'missing'; it has: start"),
         ((1.0, 2.0, 3.0), r"'x' of 'b' has shape \(3,\); it must have shape \(2,\)"),

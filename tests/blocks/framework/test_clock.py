@@ -11,7 +11,7 @@ from trussflow.blocks.simulation.schedule import MAX_SCANNED_TICKS, Schedule
 
 
 @pytest.mark.parametrize(
-    ("seconds", "fraction"),
+    "seconds, fraction",
     [
         (0.1 + 0.2, Fraction(3, 10)),
         (3 * 0.001, Fraction(3, 1000)),

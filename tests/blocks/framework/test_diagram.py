@@ -162,7 +162,7 @@ def test_exposing_what_cannot_be_exposed():
 
 
 @pytest.mark.parametrize(
-    ("name", "fault"),
+    "name, fault",
     [("u", r"shape \(\) does not fit \(3,\)"), ("s", "'m' does not fit 's'")],
 )
 def test_grouped_inputs_must_fit_each_other(name, fault):

@@ -74,9 +74,7 @@ def test_inference_runs_backwards_too():
     assert f"p0.u has its shape from {where}" in str(error.value)
 
 
-@pytest.mark.parametrize(
-    ("name", "what"), [("k", "shape"), ("m", "unit"), ("w", "frame")]
-)
+@pytest.mark.parametrize("name, what", [("k", "shape"), ("m", "unit"), ("w", "frame")])
 def test_conflict_names_the_wire_and_the_line_that_fixed_it(name, what):
     diagram, blocks = chain(2)
     forces, sink, other = diagram.add(forces=Forces(), sink=Sink(), other=Pass())

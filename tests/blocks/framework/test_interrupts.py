@@ -233,8 +233,7 @@ JOB_DELAYS = [
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 @pytest.mark.parametrize(
-    ("job", "delay"),
-    [("streamed", 0.2), *(campaign.only(*case) for case in JOB_DELAYS)],
+    "job, delay", [("streamed", 0.2), *(campaign.only(*case) for case in JOB_DELAYS)]
 )
 def test_ctrl_c_ends_every_job_soon(job, delay):
     code = (

@@ -51,7 +51,7 @@ def put_in(system, port, *, cut, number=1):
 
 @pytest.mark.parametrize("cut", [False, True])
 @pytest.mark.parametrize(
-    ("name", "index"),
+    "name, index",
     [
         ("source", [0, 1, 2]),
         ("source", [2, 0]),

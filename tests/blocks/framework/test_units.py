@@ -21,14 +21,14 @@ def test_what_is_no_unit_is_named_with_a_reason(unit):
 
 
 @pytest.mark.parametrize(
-    ("unit", "same"), [("", "1"), ("°", "deg"), ("N*m", "J"), ("dB", "decibel")]
+    "unit, same", [("", "1"), ("°", "deg"), ("N*m", "J"), ("dB", "decibel")]
 )
 def test_what_is_a_unit_is_read(unit, same):
     assert mismatch(unit, same) == ""
 
 
 @pytest.mark.parametrize(
-    ("error", "kind", "message"),
+    "error, kind, message",
     [
         (AssertionError(), BlockError, "unknown unit 'm': it cannot be parsed"),
         (ImportError("no flexparser"), ImportError, "no flexparser"),
@@ -52,7 +52,7 @@ def test_a_broken_pint_is_not_called_an_unknown_unit(error, kind, message, monke
 
 
 @pytest.mark.parametrize(
-    ("unit", "shown"),
+    "unit, shown",
     [
         ("kg**0.5*m/s**2", "kg^½·m/s²"),
         ("N*m", "N·m"),

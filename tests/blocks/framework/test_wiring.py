@@ -154,7 +154,7 @@ def test_slices_may_share_an_input_but_not_an_element():
 
 
 @pytest.mark.parametrize(
-    ("index", "message"),
+    "index, message",
     [
         (3, r"index \[3\] does not fit 'traj\.pos' .*out of bounds"),
         (
@@ -252,7 +252,7 @@ REFUSED_WIRES = [
 ]
 
 
-@pytest.mark.parametrize(("attempt", "message"), REFUSED_WIRES)
+@pytest.mark.parametrize("attempt, message", REFUSED_WIRES)
 def test_refused_wires_leave_the_diagram_as_it_was(attempt, message):
     """In a notebook the next cell tries again."""
     d = build()

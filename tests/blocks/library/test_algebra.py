@@ -23,7 +23,7 @@ v = np.array([2.0, 5.0, 0.5])
 
 
 @pytest.mark.parametrize(
-    ("block", "inputs", "expected"),
+    "block, inputs, expected",
     [
         (Gain(3.0), [u], 3.0 * u),
         (Gain(v), [u], v * u),

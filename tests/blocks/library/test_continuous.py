@@ -30,7 +30,7 @@ C = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 2.0]])
 D = np.array([[0.0, 0.1], [0.2, 0.0]])
 
 
-@pytest.mark.parametrize(("degree", "error"), [(3, 1e-13), (4, 1e-8)])
+@pytest.mark.parametrize("degree, error", [(3, 1e-13), (4, 1e-8)])
 def test_integrator_integrates_polynomials(degree, error):
     """RK4 is exact on a cubic, and on a quartic to its order."""
     diagram = Diagram()
@@ -86,7 +86,7 @@ def test_state_space_agrees_with_python_control(respond):
 
 
 @pytest.mark.parametrize(
-    ("numerator", "denominator"),
+    "numerator, denominator",
     [
         ([2.0], [0.5, 1.0]),
         ([1.0, 3.0], [1.0, 0.4, 4.0]),

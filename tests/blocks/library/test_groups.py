@@ -89,7 +89,7 @@ TIMES = [0.2, 0.45, 0.9, 1.45, 1.9]
 
 
 @pytest.mark.parametrize(
-    ("settings", "exact"),
+    "settings, exact",
     [
         ({}, [0.0, 0.2, 0.4, 0.6, 0.8]),
         ({"states": "reset"}, [0.0, 0.2, 0.4, 0.2, 0.4]),
@@ -102,7 +102,7 @@ def test_an_enabled_group_runs_while_it_is_enabled(settings, exact):
 
 
 @pytest.mark.parametrize(
-    ("states", "exact"),
+    "states, exact",
     [("held", [0.0, 2.0, 4.0, 6.0, 8.0]), ("reset", [0.0, 2.0, 4.0, 2.0, 4.0])],
 )
 def test_sampled_blocks_count_the_instants_at_which_they_are_enabled(states, exact):
@@ -195,7 +195,7 @@ def within(group):
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    "make, message",
     [
         (
             lambda: enabled(python()),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import re
-from typing import Any
 
 import numpy as np
 import pytest
@@ -110,11 +109,11 @@ def system():
     return StateSpace([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
 
 
-UNTYPED: Any = Diagram("d")
+UNTYPED = Diagram("d")
 
 
 @pytest.mark.parametrize(
-    ("mistake", "error", "message"),
+    "mistake, error, message",
     [
         (
             lambda: Diagram("d").add(b=Forgetful()),

@@ -255,7 +255,7 @@ def test_names_of_blocks_are_not_taken(name):
 
 
 @pytest.mark.parametrize(
-    ("call", "message"),
+    "call, message",
     [
         (
             lambda: adaptive(rtol=1e30),

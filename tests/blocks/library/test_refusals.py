@@ -85,7 +85,7 @@ def shaped(trajectory=1.0, frequency=0.4, **settings):
 
 
 @pytest.mark.parametrize(
-    ("build", "message"),
+    "build, message",
     [
         (lambda: Gain(np.eye(2)), r"gain of shape \(2, 2\); .* use MatrixGain\(K\)"),
         (lambda: MatrixGain(2.0), r"MatrixGain needs a matrix; got shape \(\)"),
@@ -271,7 +271,7 @@ def test_arguments_of_blocks(build, message):
 
 
 @pytest.mark.parametrize(
-    ("build", "message"),
+    "build, message",
     [
         (lambda: Constant("three"), "'value' of Constant must be numeric"),
         (

@@ -29,7 +29,7 @@ TIMES = np.linspace(0.0, 6.0, 601)
 
 
 @pytest.mark.parametrize(
-    ("block", "expected"),
+    "block, expected",
     [
         (Constant([1.0, 2.0]), [[1.0, 2.0]] * 601),
         (
@@ -58,7 +58,7 @@ def test_ground_is_zero_in_the_shape_and_unit_asked_for(respond):
 
 
 @pytest.mark.parametrize(
-    ("step", "time"), [(0.1, 0.3), (0.3, 0.9), (0.01, 0.57), (1 / 3, 1.0)]
+    "step, time", [(0.1, 0.3), (0.3, 0.9), (0.01, 0.57), (1 / 3, 1.0)]
 )
 def test_a_jump_between_two_fixed_steps_is_exact(step, time, backend):
     """The step before sees the old value only, the one after the new one.

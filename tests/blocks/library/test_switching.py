@@ -62,7 +62,7 @@ def test_relay_has_hysteresis(settings):
 
 
 @pytest.mark.parametrize(
-    ("level", "start_on", "expected"),
+    "level, start_on, expected",
     [(1.0, False, 1.0), (-1.0, True, 0.0), (0.0, True, 1.0), (0.0, False, 0.0)],
 )
 def test_relay_at_the_start(level, start_on, expected, respond):

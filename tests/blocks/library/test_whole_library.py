@@ -241,7 +241,7 @@ def test_traced_blocks_do_what_numpy_does_with_short_steps(make):
 
 
 @pytest.mark.parametrize(
-    ("code", "allowed"),
+    "code, allowed",
     [
         ("import trussflow.blocks, trussflow.models.transport", set()),
         (

@@ -1,7 +1,6 @@
 """Names that are given to signals once, on the diagram, for every analysis."""
 
 import copy
-from typing import Any
 
 import numpy as np
 import pytest
@@ -80,7 +79,7 @@ def test_nonlinear_analysis_trim_and_results_take_it_too():
     expected = linearize(diagram, "torque[0]", "roll").frequency_response(omega).complex
     found = frequency_response(diagram, "torque[0]", "roll", omega=omega)
     assert_allclose(found.complex, expected, rtol=1e-9)
-    settings: dict[str, Any] = {"omega": omega, "amplitude": 1.0, "step": 0.01}
+    settings = {"omega": omega, "amplitude": 1.0, "step": 0.01}
     estimated = estimated_response(diagram, "torque", "roll", cycles=4, **settings)
     assert estimated.output_labels == ["roll"]
     exact = (

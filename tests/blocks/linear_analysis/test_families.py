@@ -1,7 +1,5 @@
 """Families of linear models: each is that of its parameters and of its time, exactly."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -10,7 +8,7 @@ from systems import ring
 from trussflow.blocks import Function, Gain, Integrator, OperatingPoint, linearize_over
 from trussflow.blocks.errors import LinearAnalysisError
 
-SETTINGS: dict[str, Any] = {"step": 0.01, "backend": "interpreted"}
+SETTINGS = {"step": 0.01, "backend": "interpreted"}
 
 
 def decay():
@@ -49,7 +47,7 @@ def test_a_family_begins_where_it_is_told_to():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    "arguments, message",
     [
         (
             {"parameters": {"gain.gain": 2.0}},

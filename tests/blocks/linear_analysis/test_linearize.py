@@ -158,7 +158,7 @@ def test_directions_differentiate_exactly_what_has_no_simple_form():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "error", "message"),
+    "arguments, error, message",
     [
         (
             ("arm.v", "angle"),
@@ -231,7 +231,7 @@ def test_cuts_must_name_an_input_or_output_of_the_model(between):
 
 
 @pytest.mark.parametrize(
-    ("point", "error", "message"),
+    "point, error, message",
     [
         (
             {"states": {"arm.p": 0.0}},

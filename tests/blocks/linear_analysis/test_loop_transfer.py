@@ -155,7 +155,7 @@ def test_a_loop_through_python_code_is_broken_as_any_other():
 
 
 @pytest.mark.parametrize(
-    ("where", "error", "message"),
+    "where, error, message",
     [
         (
             "goal.y",
@@ -249,7 +249,7 @@ def test_an_unstable_pole_beside_nearly_equal_ones_is_refused():
         margins_of(closed_loop(A, [[0], [1], [1]], [[1, 0, 1]]))
 
 
-@pytest.mark.parametrize(("excited", "seen"), [(0, 1), (1, 0), (0, 0)])
+@pytest.mark.parametrize("excited, seen", [(0, 1), (1, 0), (0, 0)])
 def test_a_hidden_unstable_pole_is_a_warning(excited, seen):
     """Hidden poles do not change the margins, and a chain of two integrals is not unstable."""
     A = np.zeros((4, 4))
@@ -375,7 +375,7 @@ def test_a_sampled_loop_has_the_margins_of_its_discrete_gain():
 
 
 @pytest.mark.parametrize(
-    ("pole", "gain", "direct", "limits"),
+    "pole, gain, direct, limits",
     [
         (1.0, 3.0, 0.0, (1 / 3, np.inf)),  # 3 / (s - 1) needs a third of its gain: at 0
         (-1.0, -0.5, 0.0, (0.0, 2.0)),  # -1/2 / (s + 1) bears twice its gain: at 0

@@ -99,7 +99,7 @@ def loop(kind, *, sampled=False, python=False):
 
 @pytest.mark.parametrize("kind", [Swing, Knowing])
 @pytest.mark.parametrize(
-    ("sampled", "python"), [(False, False), (True, False), (True, True)]
+    "sampled, python", [(False, False), (True, False), (True, True)]
 )
 def test_models_are_those_of_the_traced_block(kind, sampled, python):
     exact = linearize(loop(Traced, sampled=sampled, python=python))

@@ -41,7 +41,7 @@ class Knowing(Steps):
     """The same, but it knows its slopes."""
 
     def __init__(self):
-        self.calls: list[str] = []
+        self.calls = []
         super().__init__()
 
     def directional_derivative(self, kind, t, x, u, p, dx, du):
@@ -84,7 +84,7 @@ def function(law):
 
 
 @pytest.mark.parametrize(
-    ("law", "slopes"),
+    "law, slopes",
     [
         (lambda u: np.exp(u[::-1]), [[0, np.exp(-2)], [np.exp(0.5), 0]]),
         (

@@ -127,7 +127,7 @@ def test_where_there_is_no_solution_there_is_no_model():
         linearize(roots(), at=at)
 
 
-@pytest.mark.parametrize(("x", "slope"), [(1.0, 0.25), (5.0, 0.0)])
+@pytest.mark.parametrize("x, slope", [(1.0, 0.25), (5.0, 0.0)])
 def test_a_saturation_in_a_loop(x, slope):
     """Of y = sat(x - 3 y) within the limits and at one."""
     diagram = Diagram("limited", loops="solve")

@@ -1,7 +1,5 @@
 """Trim: points of rest, and what is said where there are none."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -171,7 +169,7 @@ def test_an_infeasible_trim_names_equations_and_what_is_fixed(aircraft):
     assert "body/speed = 100 (fixed)" in text
     assert "body/height =" not in text  # it acts on nothing
     assert "lift =" not in text  # free
-    best: Any = caught.value.best
+    best = caught.value.best
     assert best.residual > 0.01
     assert best.states["body.speed"] == 100.0
 
@@ -215,7 +213,7 @@ def test_sampled_values_that_cannot_rest_are_named():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "error", "message"),
+    "arguments, error, message",
     [
         (
             {"states": {"body.mach": 1.0}},

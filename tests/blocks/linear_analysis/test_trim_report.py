@@ -1,7 +1,6 @@
 """The report of a trimmed point: what an engineer reads of it."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -117,7 +116,7 @@ def test_the_report_of_a_point_that_is_not_met_says_what_is_violated_and_at_a_bo
 
 def test_a_rate_that_was_left_alone_is_told_but_never_violated(aircraft):
     fixed = {"body.speed": 100.0, "body.angle": 0.0}
-    at: Any = trim(
+    at = trim(
         aircraft, states=fixed, inputs={"lift": Free()}, rates={"body.speed": None}
     )
     speed = lines_of(at)["body.speed"]

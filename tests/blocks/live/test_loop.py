@@ -161,7 +161,7 @@ def iterated():
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    "make, message",
     [
         (vector, r"loop at 'gain.y' .*2 elements; name one.*'gain.y\[0\]'"),
         (sampled, "sampled blocks; use loop_margins"),

@@ -359,7 +359,7 @@ def of(block):
 
 
 @pytest.mark.parametrize(
-    ("diagram", "settings", "error", "message"),
+    "diagram, settings, error, message",
     [
         (
             of(PythonBall()),

@@ -160,7 +160,7 @@ def test_a_closed_page_ends_its_run(pace, capsys):
 
 
 @pytest.mark.parametrize(
-    ("change", "status"),
+    "change, status",
     [
         ({}, 200),
         ({"token": "guess"}, 403),
@@ -179,7 +179,7 @@ def test_only_the_address_with_the_token_is_answered(change, status):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    "change, message",
     [
         ({"p": [1.0]}, "does not send 3 parameters"),
         ({"p": [np.nan] * 3}, "finite"),

@@ -67,9 +67,7 @@ def integral_of(function, breakpoints=()):
     )
 
 
-@pytest.mark.parametrize(
-    ("solver", "order", "step"), [("euler", 1, 0.01), ("rk4", 4, 0.2)]
-)
+@pytest.mark.parametrize("solver, order, step", [("euler", 1, 0.01), ("rk4", 4, 0.2)])
 def test_order_of_fixed_steps(solver, order, step, backend):
     """Against the matrix exponential, over four halvings of the step."""
     diagram = linear(A)

@@ -49,7 +49,7 @@ def height_after(time):
 
 
 @pytest.mark.parametrize(
-    ("kind", "settings"),
+    "kind, settings",
     [*((Ball, s) for s in SOLVERS), *((PythonBall, SOLVERS[i]) for i in (0, 1, 4))],
 )
 @pytest.mark.parametrize("level", [0.0, -123.0])

@@ -332,7 +332,7 @@ for seconds in sys.stdin:
 
 @pytest.mark.skipif(os.name != "posix", reason="kill -9")
 @pytest.mark.parametrize(
-    ("solver", "kills"),
+    "solver, kills",
     [
         ("rk4", 1),
         campaign.only("rk4", 5 * campaign.SIZE),
@@ -468,7 +468,7 @@ def test_other_runs_are_not_resumed(stop, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    "given, message",
     [
         (
             {"resume": True},

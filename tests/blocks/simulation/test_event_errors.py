@@ -36,7 +36,7 @@ def run(**own):
 
 
 @pytest.mark.parametrize(
-    ("hook", "returned", "error", "message"),
+    "hook, returned, error, message",
     [
         (
             "on_event",
@@ -88,7 +88,7 @@ def test_what_hooks_return(hook, returned, error, message):
 
 
 @pytest.mark.parametrize(
-    ("base", "own", "message"),
+    "base, own, message",
     [
         (
             Counter,
@@ -131,7 +131,7 @@ def test_a_kind_of_event_that_there_is_not():
 
 @pytest.mark.parametrize("backend", ["compiled", "interpreted"])
 @pytest.mark.parametrize(
-    ("solver", "time"),
+    "solver, time",
     [({"step": 0.1}, r"0\.[45]"), ({"solver": "RK45"}, r"(0\.4[5-9]|0\.[5-9]|1 )")],
     ids=["rk4", "RK45"],
 )

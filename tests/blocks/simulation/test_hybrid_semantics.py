@@ -65,7 +65,7 @@ def squared_time():
 
 
 @pytest.mark.parametrize("gain", [Gain, PythonGain])
-@pytest.mark.parametrize(("solver", "backend"), [*product(SOLVERS, BACKENDS)])
+@pytest.mark.parametrize("solver, backend", [*product(SOLVERS, BACKENDS)])
 def test_sampled_feedback_is_exact(solver, backend, gain):
     """X' = -2 x(t_k), sampled every 0.1 s, gives x(1) = 0.8^10 by hand."""
     loop = ring(integral=Integrator(1.0), feedback=gain(-2.0).sampled(0.1))
@@ -123,7 +123,7 @@ PRODUCT = product(
 
 
 @pytest.mark.parametrize(
-    ("ratios", "offsets", "solver", "backend", "python"),
+    "ratios, offsets, solver, backend, python",
     [*CASES, *(campaign.only(*case) for case in PRODUCT)],
 )
 def test_multirate_chain_is_exact(ratios, offsets, solver, backend, python):
@@ -140,7 +140,7 @@ def test_multirate_chain_is_exact(ratios, offsets, solver, backend, python):
 
 
 @pytest.mark.parametrize(
-    ("first", "second"),
+    "first, second",
     [(UnitDelay, UnitDelay), (PythonDelay, UnitDelay), (PythonDelay, PythonDelay)],
 )
 def test_updates_are_simultaneous(backend, first, second):

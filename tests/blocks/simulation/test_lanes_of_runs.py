@@ -301,7 +301,7 @@ def test_a_sweep_is_the_same_in_lanes(monkeypatch, executor):
 
 
 @pytest.mark.parametrize(
-    ("keep", "instruction_seconds", "begins_here"),
+    "keep, instruction_seconds, begins_here",
     [
         ({"f.y": "final"}, 1e-9, True),
         ({"f.y": "final"}, 1.0, False),  # a batch may take longer than workers to start

@@ -49,7 +49,7 @@ def test_long_runs_print_simulated_time_and_real_time_factor(clock, capsys):
 
 
 @pytest.mark.parametrize(
-    ("whole", "said"),
+    "whole, said",
     [(5e-7, "2.5e-07/5e-07 s, 1.25e-07 x"), (4e10, "2e+10/4e+10 s, 1e+10 x")],
 )
 def test_times_of_any_size_are_told(clock, capsys, whole, said):

@@ -119,7 +119,7 @@ def test_self_stepping_plant_may_stand_in_a_direct_loop(backend, python):
 
 @pytest.mark.parametrize("where", ["output", "update"])
 @pytest.mark.parametrize(
-    ("kind", "cause", "message"),
+    "kind, cause, message",
     [
         (
             "raise",

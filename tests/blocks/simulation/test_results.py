@@ -205,7 +205,7 @@ def test_logged_ports_by_name_port_slice_and_input():
 
 
 @pytest.mark.parametrize(
-    ("log", "cause", "message"),
+    "log, cause, message",
     [
         (
             ["truss.q", "truss.q"],
@@ -245,7 +245,7 @@ def test_nothing_but_time_may_be_logged(backend):
 
 
 @pytest.mark.parametrize(
-    ("solver", "log_step", "times"),
+    "solver, log_step, times",
     [
         ("rk4", None, np.arange(11) / 10),
         ("rk4", 0.3, [0.0, 0.3, 0.6, 0.9, 1.0]),
@@ -345,7 +345,7 @@ def test_path_that_cannot_be_written_is_an_error_before_the_run(place, tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("name", "message"),
+    "name, message",
     [
         ("run.npz", r"results are netCDF files.*to_csv"),
         ("run.XLSX", r"results are netCDF files.*to_csv"),
@@ -431,7 +431,7 @@ def test_results_in_other_forms(result, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("call", "message"),
+    "call, message",
     [
         (
             lambda r: plot(r, "truss"),

@@ -220,7 +220,7 @@ def test_a_parameter_that_is_tuned_or_restored_is_seen_by_an_open_block():
 
 
 @pytest.mark.parametrize(
-    ("returned", "steps_itself"),
+    "returned, steps_itself",
     [(None, False), (3, False), (Running(), True), (SelfStepping(), False)],
 )
 def test_what_open_must_return(returned, steps_itself):

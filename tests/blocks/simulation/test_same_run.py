@@ -86,7 +86,7 @@ class Slotted(Listed):
 
 @pytest.mark.parametrize("kind", [Listed, Slotted])
 @pytest.mark.parametrize(
-    ("one", "other"),
+    "one, other",
     [
         ((1.0,), (5.0,)),
         ([1, [2]], [1, [3]]),

@@ -196,7 +196,7 @@ def test_checks_between_parameters_hold_in_runs_and_sessions():
 
 
 @pytest.mark.parametrize(
-    ("unit", "hint"),
+    "unit, hint",
     [("newtn", "did you mean 'newton'"), ("Nm", r"'N\*m'"), (3, "is text")],
 )
 def test_unknown_units_are_refused_where_they_are_declared(unit, hint):

@@ -81,7 +81,7 @@ def test_times_and_tolerances_are_positive_numbers(name, value):
 
 
 @pytest.mark.parametrize(
-    ("diagram", "settings", "message"),
+    "diagram, settings, message",
     [
         (
             grower(),
@@ -216,7 +216,7 @@ def test_divergence_of_a_sampled_block(backend, solver):
 
 
 @pytest.mark.parametrize(
-    ("settings", "cause", "message"),
+    "settings, cause, message",
     [
         (
             {"parameters": {"box.rat": 1}},

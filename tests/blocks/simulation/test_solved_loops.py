@@ -92,7 +92,7 @@ def test_a_gain_around_a_sum(backend):
 
 
 @pytest.mark.parametrize(
-    ("backend", "solver"),
+    "backend, solver",
     [*((b, "rk4") for b in BACKENDS), *(("compiled", s) for s in ("RK45", "Rodas5P"))],
 )
 def test_a_cubic(backend, solver):
@@ -286,7 +286,7 @@ def root_of_two():
 
 
 @pytest.mark.parametrize(
-    ("diagram", "message"),
+    "diagram, message",
     [
         (ring(Gain(1.0)), r"at t = 0 s: its equations are singular"),
         (ring(Gain(0.1 + 0.2 + 0.7)), r"at t = 0 s: its equations are singular"),

@@ -32,7 +32,7 @@ USERS = {
 
 @pytest.mark.parametrize("user", USERS)
 @pytest.mark.parametrize(
-    ("given", "meant"),
+    "given, meant",
     [
         ("stepp", "step"),
         ("solvr", "solver"),
@@ -56,7 +56,7 @@ def test_settings_that_resemble_nothing_are_named_too():
 
 
 @pytest.mark.parametrize(
-    ("settings", "message"),
+    "settings, message",
     [
         (
             {"step": 0.1, "solver": "rk5"},

@@ -96,7 +96,7 @@ def test_other_bytes_are_refused(data):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "message"),
+    "old, new, message",
     [
         (
             b"an FMU",
@@ -120,7 +120,7 @@ def test_damage_is_noticed(old, new, message):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "message"),
+    "old, new, message",
     [
         (b'"array"', b'"matrix"', "it is damaged: unknown entry 'matrix'"),
         (b"[3]", b"[4]", "it is damaged: cannot reshape"),

@@ -58,7 +58,7 @@ def check_rows(found, whole):
 
 
 @pytest.mark.parametrize(
-    ("numbers", "seconds"),
+    "numbers, seconds",
     [
         (1, streamed_log.PIECE_SECONDS),
         (100, streamed_log.PIECE_SECONDS),
@@ -139,7 +139,7 @@ def interrupted(place, name, number, monkeypatch):
 @pytest.mark.usefixtures("small_pieces")
 @pytest.mark.parametrize("number", [4, *map(campaign.only, range(1, 12))])
 @pytest.mark.parametrize(
-    ("place", "name"),
+    "place, name",
     [
         (streamed_log, "save"),
         (log, "dataset"),
@@ -256,7 +256,7 @@ def interrupting(place, name, monkeypatch, of=""):
 
 @pytest.mark.usefixtures("small_pieces")
 @pytest.mark.parametrize(
-    ("place", "name", "of"),
+    "place, name, of",
     [(shutil, "rmtree", "run.nc.partial"), (xr, "open_dataset", "run.nc")],
 )
 def test_ctrl_c_waits_for_files_that_are_deleted(

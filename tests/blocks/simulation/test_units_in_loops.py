@@ -17,7 +17,7 @@ def solution(function, n, backend, start=0.0):
     return simulate(diagram, 0.1, step=0.1, backend=backend)["law.z"].values[-1]
 
 
-@pytest.mark.parametrize(("n", "bend"), [(8, 0.0), (20, 0.0), (8, 1e-30)])
+@pytest.mark.parametrize("n, bend", [(8, 0.0), (20, 0.0), (8, 1e-30)])
 def test_gains_of_nearly_one_are_not_singular(backend, n, bend):
     found = solution(lambda y: 0.99 * y + 1.0 + bend * y**3, n, backend)
     assert_allclose(found, 100.0, rtol=1e-13)

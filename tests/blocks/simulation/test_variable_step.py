@@ -97,7 +97,7 @@ def end_by_equal_steps(solver, backend, number, until=2.0):
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize(
-    ("solver", "order", "numbers"),
+    "solver, order, numbers",
     [("RK45", 5, (128, 256)), ("DOP853", 8, (16, 24)), ("Rodas5P", 5, (64, 128))],
 )
 def test_order_of_equal_steps(solver, order, numbers, backend):
@@ -332,7 +332,7 @@ def test_rows_of_a_small_memory(solver, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("name", "instead"), [("LSODA", "auto"), ("BDF", "Rodas5P"), ("Radau", "Rodas5P")]
+    "name, instead", [("LSODA", "auto"), ("BDF", "Rodas5P"), ("Radau", "Rodas5P")]
 )
 def test_solvers_of_scipy_name_their_replacement(name, instead):
     with pytest.raises(SimulationError, match=f"no solver '{name}' .* use '{instead}'"):

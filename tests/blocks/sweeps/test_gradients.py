@@ -211,7 +211,7 @@ def delayed():
 
 
 @pytest.mark.parametrize(
-    ("build", "function", "at", "settings", "error", "match"),
+    "build, function, at, settings, error, match",
     [
         (untraced, end, {"law.gain": 1.0}, {}, SimulationError, "Python blocks"),
         (delayed, end, {"law.gain": 1.0}, {}, SimulationError, "transport delays"),

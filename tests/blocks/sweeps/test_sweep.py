@@ -304,7 +304,7 @@ def test_a_value_that_the_run_does_not_take_over_is_an_error(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("keep", "name"),
+    "keep, name",
     [
         ({"x.integral": "final"}, "x.integral"),
         (["x.integral"], "x.integral"),

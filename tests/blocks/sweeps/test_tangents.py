@@ -192,7 +192,7 @@ CASES = [
 
 @pytest.mark.parametrize("solver", FIXED_STEP)
 @pytest.mark.parametrize(
-    ("build", "signal", "at"), CASES, ids=lambda value: getattr(value, "__name__", "")
+    "build, signal, at", CASES, ids=lambda value: getattr(value, "__name__", "")
 )
 def test_events_agree_with_differences(build, signal, at, solver):
     settings = {"step": 0.02, "solver": solver, "log_step": 0.1}

@@ -130,7 +130,7 @@ def test_derivatives_go_through_what_values_become():
 
 
 @pytest.mark.parametrize(
-    ("more", "match"),
+    "more, match",
     [
         (
             {"vary": {"law.gain": 3.0}},

@@ -73,7 +73,7 @@ def test_arrays_vary_together_with_numbers():
 
 
 @pytest.mark.parametrize(
-    ("names", "rows", "said"),
+    "names, rows, said",
     [
         (("a.n", "a.m"), ["ab", "cd"], "give 2 values for each sample"),
         (("a.n", "a.m"), [b"ab"], "give 2 values for each sample"),

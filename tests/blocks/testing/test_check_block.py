@@ -310,7 +310,7 @@ FAULTS = (
 
 
 @pytest.mark.parametrize(
-    ("block", "check", "message"), FAULTS, ids=[fault[0].__name__ for fault in FAULTS]
+    "block, check, message", FAULTS, ids=[fault[0].__name__ for fault in FAULTS]
 )
 def test_planted_faults_are_found_by_name(block, check, message):
     report = check_block(block())

@@ -52,7 +52,7 @@ def random(u):
 
 
 @pytest.mark.parametrize(
-    ("equation", "advice"),
+    "equation, advice",
     [
         (lambda u: u if u[0] > 0 else -u, "np.where instead of 'if'"),
         (
@@ -212,7 +212,7 @@ class Wrong(Block):
 
 
 @pytest.mark.parametrize(
-    ("block", "message"),
+    "block, message",
     [
         (
             Wrong(None),

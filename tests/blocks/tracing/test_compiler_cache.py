@@ -53,7 +53,7 @@ def test_equal_content_is_compiled_once(cache, builds):
 
 
 @pytest.mark.parametrize(
-    ("name", "value"),
+    "name, value",
     [
         ("FLAGS", (*compiler.FLAGS, "-DOTHER")),
         ("find_compiler", lambda: (*(find_compiler() or ()), "-DOTHER")),

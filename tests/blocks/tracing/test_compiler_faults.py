@@ -271,7 +271,7 @@ NO_FOLDER = "if small: cannot compile .*No such file or directory: '/nowhere"
 
 
 @pytest.mark.parametrize(
-    ("variables", "arguments", "backend", "message"),
+    "variables, arguments, backend, message",
     [
         (
             {"TRUSSFLOW_CACHE": "/dev/null/x"},

@@ -115,7 +115,7 @@ def test_only_one_side_may_be_traced(side):
 
 @pytest.mark.parametrize("backend", ["interpreted", "compiled"])
 @pytest.mark.parametrize(
-    ("border", "blocks"), [(0, (4,)), (1, (2, 2)), (3, (2, 2, 2)), (0, (2, 2))]
+    "border, blocks", [(0, (4,)), (1, (2, 2)), (3, (2, 2, 2)), (0, (2, 2))]
 )
 def test_traced_code_solves_what_is_indefinite_and_does_not_hide_what_is_singular(
     border, blocks, backend

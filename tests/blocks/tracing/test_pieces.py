@@ -36,7 +36,7 @@ class Ring(Block):
         }
 
 
-@pytest.mark.parametrize(("length", "file"), [(1, 300), (5, 900), (40, 10**9)])
+@pytest.mark.parametrize("length, file", [(1, 300), (5, 900), (40, 10**9)])
 def test_pieces_compute_the_same(length, file, tmp_path, monkeypatch):
     diagram = Diagram("ring")
     diagram.add(ring=Ring())

@@ -109,7 +109,7 @@ def test_overrides_win_and_are_seen_by_those_who_start_at_their_input():
 
 
 @pytest.mark.parametrize(
-    ("returned", "cause", "message"),
+    "returned, cause, message",
     [
         (
             {"v": 1.0},

@@ -78,7 +78,7 @@ simulate(allocation, 2.0, step=0.1, backend="compiled", progress=False)
 
 
 @pytest.mark.parametrize(
-    ("code", "printed"),
+    "code, printed",
     [
         (LOOP_SCRIPT, "clean"),
         campaign.only(LOOP_SCRIPT + OTHER_SCRIPT, "diverged diverged diverged clean"),

@@ -40,7 +40,7 @@ def python_diagram():
 
 
 @pytest.mark.parametrize(
-    ("make", "name", "settings", "text"),
+    "make, name, settings, text",
     [
         (
             Integrator,
@@ -198,7 +198,7 @@ def test_command_line(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("item", "options", "text"),
+    "item, options, text",
     [
         ("nowhere.to.be.found:x", [], "cannot import 'nowhere.to.be.found'"),
         (

@@ -117,7 +117,7 @@ def filters():
 
 
 @pytest.mark.parametrize(
-    ("name", "inputs"),
+    "name, inputs",
     [
         ("hybrid", {"target": np.zeros(1)}),
         ("Rotor", {"torque": 0.0}),
@@ -258,7 +258,7 @@ def equal_names():
 
 
 @pytest.mark.parametrize(
-    ("make", "name", "settings", "message"),
+    "make, name, settings, message",
     [
         (
             lambda: Gain(1.0),

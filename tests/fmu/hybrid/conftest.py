@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pytest
@@ -192,7 +191,7 @@ class Case:
         if diagram is None:
             diagram = self.build()
             y = diagram.port("y")
-        settings: dict[str, Any] = FIXED_STEP if solver in ("rk4", "euler") else PRECISE
+        settings = FIXED_STEP if solver in ("rk4", "euler") else PRECISE
         settings = {
             "log": {"y": y},
             "log_step": 0.1,

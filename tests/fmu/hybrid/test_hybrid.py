@@ -28,7 +28,7 @@ TIME_STEP = 0.02
 
 
 solvers = pytest.mark.parametrize(
-    ("solver", "backend"),
+    "solver, backend",
     [
         ("rk4", "numpy"),
         ("rk4", "compiled"),

@@ -3,7 +3,6 @@
 import subprocess
 import zipfile
 from pathlib import Path
-from typing import Any
 
 import fmpy
 import pytest
@@ -16,12 +15,12 @@ SOURCE = Path(__file__).with_name("model.c")
 Variable = tuple[str, str, int, str, str, str]
 """Name, type, value reference, causality, variability, further attributes."""
 
-COMMON: list[Variable] = [
+COMMON = [
     ("fault", "Integer", 1, "parameter", "fixed", 'start="0"'),
     ("hmax", "Real", 10, "parameter", "tunable", 'start="1e9"'),
     ("text", "String", 0, "parameter", "fixed", 'start="nothing"'),
 ]
-VARIABLES: dict[str, list[Variable]] = {
+VARIABLES = {
     "ball": [
         ("h", "Real", 0, "output", "continuous", 'initial="exact" start="1" unit="m"'),
         ("v", "Real", 1, "local", "continuous", 'initial="exact" start="0" unit="m/s"'),
@@ -246,7 +245,7 @@ def make_fmu(binaries, tmp_path):
         for old, new in (replace or {}).items():
             assert old in text, f"{old} is not in {text}"
             text = text.replace(old, new)
-        files: dict[str, Any] = {
+        files = {
             "modelDescription.xml": text,
             binary_name(version): binaries[version],
             **(more or {}),

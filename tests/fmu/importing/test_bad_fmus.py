@@ -68,7 +68,7 @@ def encrypted(make_fmu, _folder):
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    "make, message",
     [
         (lambda _, folder: folder / "nowhere.fmu", r"nowhere\.fmu': No such file"),
         (lambda _, folder: folder, "cannot open .*: it is a folder"),
@@ -188,7 +188,7 @@ READER = """<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/pas
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    "text, message",
     [
         ("<broken", "not well-formed XML"),
         ("", "not well-formed XML"),
@@ -220,7 +220,7 @@ UNREADABLE = "cannot read the model description"
 
 
 @pytest.mark.parametrize(
-    ("model", "version", "old", "new", "message"),
+    "model, version, old, new, message",
     [
         ("ball", 2, 'name="e"', 'name="g"', "2 variables are named 'g'"),
         ("ball", 3, 'name="e"', 'name="g"', "2 variables are named 'g'"),
@@ -337,7 +337,7 @@ def test_a_failing_initialization(make_fmu, version, kind):
 
 
 @pytest.mark.parametrize(
-    ("fault", "text", "more", "status"),
+    "fault, text, more, status",
     [
         (2, r"DoStep returned status 'error'(.|\n)*spring broke \(n", {}, 3),
         (
@@ -372,7 +372,7 @@ def test_discarded_steps_that_cannot_be_shorter(make_fmu, version):
 
 
 @pytest.mark.parametrize(
-    ("fault", "limit", "error", "text"),
+    "fault, limit, error, text",
     [
         (3, 0.5, FmuTimeoutError, r"'do_step' within 0\.5 s; its process was ended"),
         (

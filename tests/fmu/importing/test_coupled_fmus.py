@@ -4,7 +4,6 @@ import contextlib
 import json
 import zipfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -207,7 +206,7 @@ def test_steps_that_an_fmu_discards_are_taken_shorter(lag):
 
     # It halves a step up to ten times by itself; longer ones are left to the choice of steps.
     longest = 4e-5
-    chosen: Any = {"step": 2.0**-10, "tolerance": 1e-2}
+    chosen = {"step": 2.0**-10, "tolerance": 1e-2}
     result = cosimulate(diagram(longest=longest), 1.0, **chosen)
     t = result["time"].values
     assert result.attrs["discarded_steps"] > 0

@@ -1,7 +1,5 @@
 """Events of FMUs against exact solutions: for every solver, and inside co-simulation."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -111,7 +109,7 @@ def test_inputs_that_jump_at_an_instant_are_events(make_fmu, version, solver):
 
 
 @pytest.mark.parametrize(
-    ("version", "flags"),
+    "version, flags",
     [
         (2, ""),
         (3, ""),
@@ -233,7 +231,7 @@ def test_an_fmu_may_end_the_run(make_fmu, version, kind, runs):
             RunEndedError, match=rf"asks to end the run at t = {time}"
         ) as caught:
             runs(diagram, 1.0, step=0.1)
-        result: Any = caught.value.result
+        result = caught.value.result
         assert result.attrs["status"] == "ended"
         assert_array_equal(result["time"], whole["time"][:number])
         assert_array_equal(result["fmu.h"], whole["fmu.h"][:number])
@@ -251,7 +249,7 @@ def test_a_run_may_stop_where_an_event_ends_it(make_fmu, version):
 
 
 @pytest.mark.parametrize(
-    ("model", "version", "kind", "flags", "fault", "message"),
+    "model, version, kind, flags, fault, message",
     [
         # It asks to end in the event mode in which its inputs and start values settle.
         ("ball", 2, "me", "", 11, r"asks to end the run at (its start, )?t = 0 s"),

@@ -125,7 +125,7 @@ def run(path, kind, limit=CALL_LIMIT):
 
 
 @pytest.mark.parametrize(
-    ("function", "misdeed", "error", "message"),
+    "function, misdeed, error, message",
     [
         ("load", "hang", FmuTimeoutError, "'open' within 1 s"),
         (
@@ -192,8 +192,8 @@ def test_whatever_an_fmu_does(
         for kind in ("cs", "me")
     }
     run(files[2, "cs"], "cs")  # what is opened once is opened now
-    lines: list[str] = []
-    faults: list[str] = []
+    lines = []
+    faults = []
     for number in chosen:
         version, kind, function, misdeed = ALL[number]
         case, mark = (

@@ -1,7 +1,6 @@
 """Names, vectors, units and values of a block from an FMU's description."""
 
 import re
-from typing import Any
 
 import numpy as np
 import pytest
@@ -27,7 +26,7 @@ def variables(names, causality="input"):
 
 
 @pytest.mark.parametrize(
-    ("names", "expected"),
+    "names, expected",
     [
         (["u[1]", "u[2]", "u[3]"], [("u", (3,))]),
         (["u[0]", "u[1]"], [("u", (2,))]),
@@ -86,7 +85,7 @@ def table(name, definition=None, factor=1.0, offset=0.0, given=None):
 
 
 @pytest.mark.parametrize(
-    ("theirs", "base", "factor", "ours"),
+    "theirs, base, factor, ours",
     [
         ("N.m", {"kg": 1, "m": 2, "s": -2}, 1.0, "N*m"),
         ("m/s2", {"m": 1, "s": -2}, 1.0, "m/s**2"),
@@ -136,7 +135,7 @@ def test_unknown_units_can_be_named():
 
 
 @pytest.mark.parametrize(
-    ("version", "flags"), [(2, ""), (3, ""), (3, 'hasEventMode="true"')]
+    "version, flags", [(2, ""), (3, ""), (3, 'hasEventMode="true"')]
 )
 def test_types_arrays_and_units_of_ports(make_fmu, version, flags):
     block = Fmu(make_fmu("types", version, flags=flags), kind="cs", step=0.1)
@@ -168,7 +167,7 @@ def test_a_unit_may_be_only_a_name(make_fmu):
 
 
 @pytest.mark.parametrize(
-    ("value", "name"), [(2.5, "number"), (3e9, "number"), (0.5, "flag")]
+    "value, name", [(2.5, "number"), (3e9, "number"), (0.5, "flag")]
 )
 def test_values_of_another_type(make_fmu, value, name):
     block = Fmu(make_fmu("types"), kind="cs", step=0.1, start=ZEROS)
@@ -185,13 +184,13 @@ BLOB = (
     '<Binary name="blob" valueReference="900" causality="parameter" variability="fixed">'
     '<Start value="00"/></Binary></ModelVariables>'
 )
-BALL: Any = ("ball", 2, {})
-TYPES: Any = ("types", 3, {})
+BALL = ("ball", 2, {})
+TYPES = ("types", 3, {})
 WITH_BLOB = ("types", 3, {"</ModelVariables>": BLOB})
 
 
 @pytest.mark.parametrize(
-    ("fmu", "settings", "message"),
+    "fmu, settings, message",
     [
         (
             BALL,
@@ -274,7 +273,7 @@ def ball(make_fmu, version, kind, **settings):
     )
 
 
-@pytest.mark.parametrize(("version", "time_limit"), [(2, None), (3, None), (3, 20.0)])
+@pytest.mark.parametrize("version, time_limit", [(2, None), (3, None), (3, 20.0)])
 def test_parameters_and_start_values(make_fmu, version, kind, time_limit):
     """A ball on the moon, let go at 2 m with 1 m/s: a parabola; by name, by run, and tuned."""
     moon = {

@@ -210,7 +210,7 @@ def test_changed_files_are_used_or_refused(make_fmu, children, tmp_path):
     originals = [
         (path.suffix, path.read_bytes()) for path in sources(make_fmu, tmp_path)
     ]
-    outcomes: Counter[str] = Counter()
+    outcomes = Counter()
     faults = []
     used(make_fmu("ball"), runs=True)  # what is opened once is opened now
     before = descriptors(), children()

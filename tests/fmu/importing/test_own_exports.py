@@ -87,7 +87,7 @@ RNG = np.random.default_rng(campaign.SEED)
 
 @versions
 @pytest.mark.parametrize(
-    ("period", "high", "late", "sample"),
+    "period, high, late, sample",
     [
         (10, 4, 0, 0.04),
         *(

@@ -1,7 +1,6 @@
 """Sessions and runs with FMUs go on from files bit for bit, if the FMU can write its state down."""
 
 import itertools
-from typing import Any
 
 import pytest
 import xarray as xr
@@ -16,14 +15,14 @@ TIME_STEP = 0.01
 
 def bouncing(path, kind, **options):
     diagram = Diagram("bouncing")
-    step: dict[str, Any] = {"step": 0.05} if kind == "cs" else {}
+    step = {"step": 0.05} if kind == "cs" else {}
     ball = diagram.add(ball=Fmu(path, kind=kind, **step, **options))
     diagram.expose(height=ball.port("h"))
     return diagram
 
 
 @pytest.mark.parametrize(
-    ("kind", "version", "options"),
+    "kind, version, options",
     [
         ("cs", 2, {}),
         ("me", 3, {}),
@@ -40,7 +39,7 @@ def test_another_session_goes_on_bit_for_bit(
         one.advance(0.73)
         one.save(tmp_path / "ball.state")
         other.restore(tmp_path / "ball.state")
-        heights: list[list[float]] = [[], []]
+        heights = [[], []]
         for k in range(1, 15):
             for session, found in zip((one, other), heights, strict=True):
                 session.advance(0.73 + 0.1 * k)
@@ -54,11 +53,7 @@ def test_a_run_is_resumed_bit_for_bit(make_fmu, kind, tmp_path, monkeypatch):
 
     def result(name):
         path = tmp_path / f"{name}.nc"
-        given: dict[str, Any] = {
-            "checkpoint_every": 0.25,
-            "resume": True,
-            "progress": False,
-        }
+        given = {"checkpoint_every": 0.25, "resume": True, "progress": False}
         with running.run(2.0, stream_to=path, **given) as found:
             return found.load()
 

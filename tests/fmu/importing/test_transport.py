@@ -105,7 +105,7 @@ def check(diagram, steps, whole, duration=RUN_DURATION, **settings):
 # The loop through plant and controller is as fast as 1300 1/s: held inputs are stable for steps
 # below 1.5 ms; iteration has no such limit.
 @pytest.mark.parametrize(
-    ("coupling", "steps", "duration"),
+    "coupling, steps, duration",
     [
         ("jacobi", (1e-3, 5e-4), RUN_DURATION),
         ("gauss-seidel", (1e-3, 5e-4), RUN_DURATION),
@@ -118,7 +118,7 @@ def test_the_plant_as_a_native_fmu(coupling, steps, duration, plant, whole):
 
 
 @pytest.mark.parametrize(
-    ("coupling", "steps"), [("jacobi", (1e-3, 5e-4)), ("gauss-seidel", (5e-4, 2.5e-4))]
+    "coupling, steps", [("jacobi", (1e-3, 5e-4)), ("gauss-seidel", (5e-4, 2.5e-4))]
 )
 def test_the_controller_as_a_pythonfmu_fmu(coupling, steps, plant, command, whole):
     diagram = loop(Fmu(plant, declared_starts=True), Fmu(command))

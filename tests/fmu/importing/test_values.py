@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ VARIABLE = FmuVariable("a", 0, "Real", "input", "continuous", "", "0", "", ())
 
 
 @pytest.mark.parametrize(
-    ("chosen", "gains"),
+    "chosen, gains",
     [
         ({}, 2.0),
         ({"n": 3, "gains": 0.0}, 0.0),
@@ -63,7 +63,7 @@ def test_no_number_is_bent_to_fit_a_type(kind, value):
         accessors=Library3.accessors, description=SimpleNamespace(name="f")
     )
     bank = VariableBuffers([variable], cast("Library", library), writes=True)
-    sent: list[Any] = []
+    sent = []
     (part,) = bank._parts
     part.call = lambda: sent.append(part.buffer[0].item())
     bank.values[:] = value

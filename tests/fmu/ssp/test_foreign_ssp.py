@@ -88,7 +88,7 @@ REAL, TEXT, LINEAR = (
 
 
 @pytest.mark.parametrize(
-    ("given", "conversion", "result"),
+    "given, conversion, result",
     [
         (REAL, "", 3.5),
         (REAL, f'{LINEAR} factor="2" offset="-1"/>', 6.0),

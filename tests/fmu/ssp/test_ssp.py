@@ -4,7 +4,6 @@ import gc
 import re
 import zipfile
 from types import SimpleNamespace
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -120,7 +119,7 @@ def nested(fmus):
 
 def facts(diagram):
     """Return all that a diagram is made of."""
-    found: dict[str, Any] = {"name": diagram.name, "blocks": {}, "wires": set()}
+    found = {"name": diagram.name, "blocks": {}, "wires": set()}
     for name, block in diagram.blocks.items():
         if isinstance(block, Diagram):
             found["blocks"][name] = facts(block)
@@ -138,7 +137,7 @@ def facts(diagram):
         )
     for wire in diagram.wires:
         elements = wire.target.elements().ravel()
-        sources: list[Any] = [None] * elements.size
+        sources = [None] * elements.size
         if wire.source is not None:
             sources = [(wire.source.path, i) for i in wire.source.elements().ravel()]
         found["wires"] |= {
@@ -217,7 +216,7 @@ def with_plant(fmus):
 
 
 @pytest.mark.parametrize(
-    ("make", "path", "step", "message"),
+    "make, path, step, message",
     [
         (
             with_plant,
@@ -273,7 +272,7 @@ def rewritten(file, target, changes):
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    "changes, message",
     [
         ({"resources/mass.fmu": "../mass.fmu"}, r"contains no file '\.\./mass\.fmu'"),
         ({"resources/mass.fmu": "n" * 300}, "it contains no file 'nnn"),
@@ -374,7 +373,7 @@ def test_other_tools_find_nothing_but_ssp(fmus, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("notes", "message"),
+    "notes, message",
     [
         ("{", "JSONDecodeError"),
         ("[1]", "TypeError"),

@@ -49,9 +49,7 @@ def operations(*, robots=2, joints=2, modes=2):
     return derivative.graph.n_instructions() + kernels
 
 
-@pytest.mark.parametrize(
-    ("size", "counts"), [("robots", (2, 4, 6)), ("joints", (1, 4, 7))]
-)
+@pytest.mark.parametrize("size, counts", [("robots", (2, 4, 6)), ("joints", (1, 4, 7))])
 def test_cost_is_linear(size, counts):
     """Grasps on an axis of the ring are cheaper, as some elements are zero."""
     first, second = np.diff([operations(**{size: count}) for count in counts])

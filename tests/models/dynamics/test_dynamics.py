@@ -38,9 +38,7 @@ def assert_traced_equals_computed(system, q, v, *, kernels=True):
     return trace
 
 
-@pytest.mark.parametrize(
-    ("kernels", "elastic_integrals"), [(True, True), (False, False)]
-)
+@pytest.mark.parametrize("kernels, elastic_integrals", [(True, True), (False, False)])
 def test_traced_equations_equal_computed_ones(
     random_system, random_state, arrangement, kernels, elastic_integrals
 ):

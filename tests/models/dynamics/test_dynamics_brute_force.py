@@ -185,7 +185,7 @@ def test_consistent_equations_are_exact_at_large_deformation(consistent, random_
     assert_agrees(consistent, q, v)
 
 
-@pytest.mark.parametrize(("joints", "modes"), [((1,), 1), ((3, 2), 0), ((2, 4, 1), 3)])
+@pytest.mark.parametrize("joints, modes", [((1,), 1), ((3, 2), 0), ((2, 4, 1), 3)])
 def test_any_truss_and_any_arms(random_system, random_state, joints, modes):
     system = random_system(joints, modes, elastic_integrals=True)
     assert_agrees(system, *random_state(system))

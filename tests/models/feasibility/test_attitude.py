@@ -106,7 +106,7 @@ ALONE = [ActuatorFailure(name="alone", health=np.eye(DYNAMICS.actuators)[0])]
 
 
 @pytest.mark.parametrize(
-    ("build", "message"),
+    "build, message",
     [
         (
             lambda: best_attitude(DYNAMICS, path_of(Mission.of_case(2), TRUSS), LIMITS),

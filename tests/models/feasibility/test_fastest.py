@@ -205,7 +205,7 @@ def test_topp_ra_finds_the_same_duration():
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    "given, message",
     [
         ({"waypoints": [REST]}, "there must be two waypoints or more"),
         ({"waypoints": [REST, REST]}, "successive ones must differ"),

@@ -185,7 +185,7 @@ OVER = Quintic(np.pi * np.eye(34)[3], 60.0, start=DYNAMICS.rest)
 
 
 @pytest.mark.parametrize(
-    ("build", "message"),
+    "build, message",
     [
         (
             lambda: ActuatorFailure.of(DYNAMICS, 5),

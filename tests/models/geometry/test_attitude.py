@@ -86,7 +86,7 @@ def test_a_truss_in_the_same_attitude(angles):
 
 
 @pytest.mark.parametrize(
-    ("bad", "message"),
+    "bad, message",
     [
         ([1.0, 1.0, 0.0, 0.0], "length of 1.41421; it must be 1, with components"),
         ([0.0, 0.0, 0.0, 0.0], "length of 0"),

@@ -171,7 +171,7 @@ def test_sensors_start_at_rest(truss):
 
 
 @pytest.mark.parametrize(
-    ("duration", "least_speed"), [(0.1, 8e-6), campaign.only(3.0, 2e-3)]
+    "duration, least_speed", [(0.1, 8e-6), campaign.only(3.0, 2e-3)]
 )
 def test_ideal_hardware_does_not_change_the_transport_loop(duration, least_speed):
     """Ports, units, signs and order: the difference is the motion of about a millisecond."""

@@ -111,7 +111,7 @@ def test_drives_limit_torque_and_rub():
 
 
 @pytest.mark.parametrize(
-    ("settings", "message"),
+    "settings, message",
     [
         ({"sample_time": 0.0}, "a measurement: sample_time is 0; it must be above 0"),
         ({"noise": -1.0}, "a measurement: noise is -1; it must be at least 0"),
@@ -129,7 +129,7 @@ def test_errors_of_measurements(settings, message):
 
 
 @pytest.mark.parametrize(
-    ("joints", "torque", "message"),
+    "joints, torque, message",
     [
         ([Joint("a")], -0.3, r"'maximum' of JointDrives is -0.3"),
         ([], 0.3, r"JointDrives needs a sequence of at least one Joint, not \[\]"),

@@ -200,8 +200,7 @@ def test_every_pulse_width_comes_out(count):
 
 
 @pytest.mark.parametrize(
-    ("opens", "closes"),
-    [(0.0, 0.0), (0.02, 0.02), (0.02, 0.05), (0.03, 0.01), (0.0, 0.12)],
+    "opens, closes", [(0.0, 0.0), (0.02, 0.02), (0.02, 0.05), (0.03, 0.01), (0.0, 0.12)]
 )
 def test_valves_take_time(opens, closes):
     """A pulse of 60 ms every 100 ms opens and closes late, each by its own delay."""
@@ -252,14 +251,14 @@ LAYOUT_ERRORS = [
 ]
 
 
-@pytest.mark.parametrize(("build", "message"), LAYOUT_ERRORS)
+@pytest.mark.parametrize("build, message", LAYOUT_ERRORS)
 def test_errors_of_layouts(build, message):
     with pytest.raises(ModelError, match=message):
         build()
 
 
 @pytest.mark.parametrize(
-    ("settings", "message"),
+    "settings, message",
     [
         ({"quantum": 0.1, "maximum": -1.0}, "maximum is -1; it must be above 0"),
         ({"quantum": 2.0}, "quantum is 2 N; it must be at most maximum, 1 N"),

@@ -103,7 +103,7 @@ def test_dead_motors_give_no_torque():
 
 
 @pytest.mark.parametrize(
-    ("axes", "settings", "message"),
+    "axes, settings, message",
     [
         (
             np.eye(3)[:2],

@@ -14,7 +14,7 @@ DESIGN = MeanAxesDesign.shipped()
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    "changes, message",
     [
         ({"estimated_modes": 3.5}, "estimated_modes is 3.5; it must be a whole number"),
         ({"sample_time": "long"}, "sample_time must be numeric, not 'long'"),

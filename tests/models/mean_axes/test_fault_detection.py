@@ -213,9 +213,7 @@ def test_an_open_valve_is_none_of_the_hypotheses(session, axis, size):
     assert not failed[-1].any()
 
 
-@pytest.mark.parametrize(
-    ("duration", "arrival"), [(6.0, 41.0), campaign.only(60.0, 240.0)]
-)
+@pytest.mark.parametrize("duration, arrival", [(6.0, 41.0), campaign.only(60.0, 240.0)])
 def test_a_path_becomes_slower_after_a_loss(duration, arrival):
     """Base 4 fails at a sixth of the way, which then is beyond reach along body z in that time.
 

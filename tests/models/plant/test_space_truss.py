@@ -79,7 +79,7 @@ def test_units_follow_the_coordinates():
 
 
 @pytest.mark.parametrize(
-    ("choice", "message"),
+    "choice, message",
     [
         ({"arm": "kuka"}, r"no arm 'kuka'; choose from: literal, jaco"),
         ({"modes": 7}, r"cannot keep 7 modes of 6"),

@@ -45,7 +45,7 @@ def test_moves_as_the_truss_itself(exact):
 
 
 @pytest.mark.parametrize(
-    ("build", "message"),
+    "build, message",
     [
         (
             lambda plant: plant.truss_parameters(

@@ -7,7 +7,7 @@ from trussflow.models import ModelError
 
 
 @pytest.mark.parametrize(
-    ("value", "digits", "text"),
+    "value, digits, text",
     [
         (0.26976, 3, "0.270"),
         (4.0715e-6, 3, "4.07×10⁻⁶"),

@@ -11,7 +11,7 @@ POWERS = {sign: power for power, sign in PREFIXES.items() if sign}
 
 
 @pytest.mark.parametrize(
-    ("value", "unit", "shown"),
+    "value, unit, shown",
     [
         (1.611, "N", ("1.61", "N")),
         (4.072e-6, "m", ("4.07", "µm")),
@@ -46,7 +46,7 @@ def test_shown_numbers_are_the_numbers_to_their_digits(rng):
 
 
 @pytest.mark.parametrize(
-    ("text", "short"),
+    "text, short",
     [
         ("70000000000.0 Pa", "70 GPa"),
         ("-1.0471975511965976 rad", "-1.047198 rad"),

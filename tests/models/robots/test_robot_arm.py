@@ -58,7 +58,7 @@ def test_jaco_arm_stretched_reaches_as_far_as_the_real_one():
     assert_near(position, [-0.0098, 0.0, -links - base], 1e-12)
 
 
-@pytest.mark.parametrize(("arm", "rank"), [(LITERAL, 3), (RobotArm.jaco(), 6)])
+@pytest.mark.parametrize("arm, rank", [(LITERAL, 3), (RobotArm.jaco(), 6)])
 def test_rest_posture_is_singular_as_printed_and_regular_for_the_real_arm(arm, rank):
     still = np.zeros(6)
     terms = arm_terms(
@@ -149,7 +149,7 @@ ERROR_CASES = [
 ]
 
 
-@pytest.mark.parametrize(("values", "message"), ERROR_CASES)
+@pytest.mark.parametrize("values, message", ERROR_CASES)
 def test_errors(values, message):
     with pytest.raises(ModelError, match=message):
         replace(LITERAL, **values)

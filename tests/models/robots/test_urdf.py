@@ -169,7 +169,7 @@ ERROR_CASES = {
 }
 
 
-@pytest.mark.parametrize(("message", "change"), ERROR_CASES.items(), ids=ERROR_CASES)
+@pytest.mark.parametrize("message, change", ERROR_CASES.items(), ids=ERROR_CASES)
 def test_errors_of_files(file, message, change):
     old, new = ((each,) if isinstance(each, str) else each for each in change)
     text = ARM
@@ -225,7 +225,7 @@ def test_every_wrong_attribute_is_read_or_raises_a_model_error(file):
 
 
 @pytest.mark.parametrize(
-    ("changed", "message"),
+    "changed, message",
     [
         (
             {"hand": "gripper"},

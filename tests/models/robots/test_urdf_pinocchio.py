@@ -109,7 +109,7 @@ def assert_equals_pinocchio(path, arm, hand, locked, rng):
     assert relative_error(T.T @ forces, bias) < TOLERANCE
 
 
-@pytest.mark.parametrize(("package", "name", "hand", "base", "joints"), PUBLIC)
+@pytest.mark.parametrize("package, name, hand, base, joints", PUBLIC)
 def test_public_robots_equal_pinocchio(package, name, hand, base, joints, rng):
     path = public_file(package, name)
     locked = held(path, hand, base)
@@ -118,9 +118,7 @@ def test_public_robots_equal_pinocchio(package, name, hand, base, joints, rng):
     assert_equals_pinocchio(path, arm, hand, locked, rng)
 
 
-@pytest.mark.parametrize(
-    ("package", "name", "hand", "base", "joints"), [PUBLIC[1], PUBLIC[8]]
-)
+@pytest.mark.parametrize("package, name, hand, base, joints", [PUBLIC[1], PUBLIC[8]])
 def test_visuals_of_public_robots_are_where_pinocchio_has_them(
     package, name, hand, base, joints, rng, monkeypatch
 ):

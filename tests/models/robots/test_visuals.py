@@ -33,7 +33,7 @@ def arm_with(folder, geometry):
 
 
 @pytest.mark.parametrize(
-    ("geometry", "expected", "share"),
+    "geometry, expected, share",
     [
         ('<box size="1 2 3"/>', 6.0, 1.0),
         # A prism of 16 sides in place of the cylinder; of the sphere, 8 rings of them.
@@ -86,7 +86,7 @@ def obj(triangles):
 
 
 @pytest.mark.parametrize(
-    ("name", "write"), [("box.stl", stl), ("BOX.STL", stl_text), ("box.obj", obj)]
+    "name, write", [("box.stl", stl), ("BOX.STL", stl_text), ("box.obj", obj)]
 )
 def test_meshes_of_both_locations(tmp_path, name, write):
     """Beside the URDF file, or in a package around it; scaled from millimetres."""
@@ -118,7 +118,7 @@ ERROR_CASES = [
 ]
 
 
-@pytest.mark.parametrize(("geometry", "message"), ERROR_CASES)
+@pytest.mark.parametrize("geometry, message", ERROR_CASES)
 def test_errors_of_shapes(tmp_path, geometry, message):
     """The arm is read all the same, as its equations need no picture."""
     for name, content in (

@@ -1,7 +1,6 @@
 """The main job: both cases of the source end to end, and its comparisons."""
 
 from functools import cache
-from typing import Any
 
 import campaign
 import numpy as np
@@ -16,7 +15,7 @@ WHOLE = campaign.only(80.0)  # s
 whole = pytest.mark.parametrize("flown", [WHOLE], indirect=True)
 begun_and_whole = pytest.mark.parametrize("flown", [1.5, WHOLE], indirect=True)
 
-RUNS: dict[str, Any] = {
+RUNS = {
     "case 1": (1, "published", {}),
     "case 2": (2, "published", {}),
     "case 1 consistent": (1, "consistent", {}),
@@ -46,7 +45,7 @@ def flown(request):
 
 
 over_cases = pytest.mark.parametrize(
-    ("name", "flown"),
+    "name, flown",
     [("case 1", 1.5), *(campaign.only(f"case {k}", 80.0) for k in (1, 2))],
     indirect=["flown"],
 )
@@ -58,7 +57,7 @@ def peak(result, name):
 
 @begun_and_whole
 @pytest.mark.parametrize(
-    ("name", "position", "attitude", "torque"),
+    "name, position, attitude, torque",
     [("case 1", 1e-5, 2e-5, 0.3), campaign.only("case 2", 1e-5, 1e-5, 0.85)],
 )
 def test_published_tracking_and_torque(flown, name, position, attitude, torque):

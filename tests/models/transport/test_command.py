@@ -114,7 +114,7 @@ def test_plant_and_observer_are_options(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    "words, message",
     [
         (["--duration", "0"], "simulation: duration is 0; it must be above 0"),
         (["--duration", "-1"], "simulation: duration is -1; it must be above 0"),

@@ -1,7 +1,6 @@
 """A structure as plain matrices of another program, Pynite, in each format, as a mission."""
 
 import io
-from typing import Any
 from zipfile import ZipFile
 
 import campaign
@@ -52,7 +51,7 @@ step = "1 ms"
 @pytest.fixture(scope="module")
 def matrices():
     """Return Pynite's matrices of mass and stiffness of the free frame, in metres, kilograms and seconds."""
-    model: Any = FeModel()
+    model = FeModel()
     model.add_material("rod", 7e10, 2.6e10, 0.33, 0.0)
     model.add_section("rod", 4e-4, 4e-8, 4e-8, 8e-8)
     names = [f"N{k}" for k in range(len(POSITIONS))]
@@ -127,7 +126,7 @@ def test_such_a_mission_runs(tmp_path, matrices, duration):
 
 
 @pytest.mark.parametrize(
-    ("key", "name", "message"),
+    "key, name, message",
     [
         ("mass", "M.mtx", "mission.toml, structure: 'mass' is refused: "),
         ("mass", "other.npz", "array in other.npz: 'mass'; choose from: M"),

@@ -11,7 +11,7 @@ ROUND_OFF = 1e-14  # of turning degrees into radians, and of a few quotients
 
 
 @pytest.mark.parametrize(
-    ("case", "way", "gains"),
+    "case, way, gains",
     [(1, [0, 0, 6, 0, 0, 0], (4.0, 0.3)), (2, [6, 6, 0, 0, 0, np.pi / 3], (2.0, 0.52))],
 )
 def test_cases_of_the_paper(case, way, gains):
@@ -27,7 +27,7 @@ def test_weights():
 
 
 @pytest.mark.parametrize(
-    ("case", "options", "message"),
+    "case, options, message",
     [
         (3, {}, "no transport case 3; choose from: 1, 2"),
         (

@@ -101,7 +101,7 @@ def test_settings_count_more_than_the_file(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("settings", "used"),
+    "settings, used",
     [
         ({"law": "mean axes"}, set()),
         (

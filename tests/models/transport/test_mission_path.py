@@ -140,7 +140,7 @@ def test_quaternions_are_not_shaped(tmp_path):
         turning(tmp_path, 'shaping = "ZV"')
 
 
-@pytest.mark.parametrize(("kind", "halves"), [("ZV", 1), ("ZVD", 2)])
+@pytest.mark.parametrize("kind, halves", [("ZV", 1), ("ZVD", 2)])
 def test_shaping_takes_half_periods_of_the_first_mode(tmp_path, kind, halves):
     flown = boom(tmp_path, f'duration = "60 s"\nshaping = "{kind}"\n')
     free = FreeModes.of(flown.believed.dynamics, 1)

@@ -8,7 +8,6 @@ from sources import MISSIONS
 from systems import actuator_limits
 
 from trussflow.blocks import ShapedTrajectory
-from trussflow.blocks.control.trajectory import Trajectory
 from trussflow.blocks.errors import SimulationWarning
 from trussflow.models import FreeModes
 from trussflow.models.dynamics.task_space import to_body
@@ -140,7 +139,7 @@ def test_the_boom_follows_the_fastest_path_of_half_its_strength():
             truss.dynamics, force=2.5, base_torque=0.15, joint_torque=0.15
         )
         way = [[0, 0, 0, 0, 0, 0], [0, 0, 0.5, 0, 0, 0], [0, 0.3, 1, 0, 0, 0]]
-        path: Trajectory = fastest(truss, truss.dynamics.rest[:6] + np.array(way), half)
+        path = fastest(truss, truss.dynamics.rest[:6] + np.array(way), half)
         assert isinstance(path, FastestPath)
         assert path.duration < 12.0  # s, where the quintic takes 60
         if shaped:

@@ -35,7 +35,7 @@ def test_it_runs_with_a_hold_of_1_ms(duration):
     assert np.abs(error[:, :6]).max() < 1e-4
 
 
-@pytest.mark.parametrize(("hold", "delay"), [(2e-3, 0.0), campaign.only(1e-3, 1e-3)])
+@pytest.mark.parametrize("hold, delay", [(2e-3, 0.0), campaign.only(1e-3, 1e-3)])
 def test_it_diverges_with_2_ms_of_hold_or_1_ms_of_delay(hold, delay):
     with pytest.raises(DivergenceError, match="stopped being finite"):
         simulator(hold, delay).run(4.0)
@@ -43,7 +43,7 @@ def test_it_diverges_with_2_ms_of_hold_or_1_ms_of_delay(hold, delay):
 
 @pytest.mark.campaign
 @pytest.mark.parametrize(
-    ("hold", "delay", "least", "most"),
+    "hold, delay, least, most",
     [(1e-3, 0.0, 0.0, 1e-3), (2e-3, 0.0, 0.1, np.inf), (1e-3, 1e-3, 0.1, np.inf)],
 )
 def test_joints_of_the_published_plant_run_off(hold, delay, least, most):

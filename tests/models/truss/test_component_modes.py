@@ -77,7 +77,7 @@ def test_attachments_where_a_robot_can_pull():
 
 
 @pytest.mark.parametrize(
-    ("make", "options", "message"),
+    "make, options, message",
     [
         (
             accurate_modes,

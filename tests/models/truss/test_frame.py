@@ -229,7 +229,7 @@ def test_a_grasp_that_turns_no_mass(tmp_path):
         reduced_modes(read(tmp_path, TEXT).structure(), 0, [2], clamped=[1])
 
 
-@pytest.mark.parametrize(("old", "new", "message"), ERROR_CASES)
+@pytest.mark.parametrize("old, new, message", ERROR_CASES)
 def test_errors(tmp_path, old, new, message):
     assert old in TEXT
     with pytest.raises(ModelError, match=message):

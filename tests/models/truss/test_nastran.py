@@ -114,7 +114,7 @@ def test_the_matrices_of_the_example_are_those_of_its_deck(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    "given, message",
     [
         ({"deck": "nowhere.bdf"}, "cannot read .*nowhere.bdf' with .*: .*No such file"),
         (

@@ -146,7 +146,7 @@ def test_locked_frequencies_depend_on_the_posture_of_the_robots_alone(consistent
 
 
 @pytest.mark.parametrize(
-    ("count", "options", "message"),
+    "count, options, message",
     [
         (0, {}, "cannot compute 0 natural frequencies of .*; choose 1 to 89"),
         (90, {}, "cannot compute 90 natural frequencies"),

@@ -62,7 +62,7 @@ def test_mass_is_that_of_table_1_at_the_density_of_aluminium(fresh):
 
 
 @pytest.mark.parametrize(
-    ("name", "key"),
+    "name, key",
     [
         ("static_moment", "static_moment_kg_m"),
         ("inertia", "inertia_kg_m2"),

@@ -235,7 +235,7 @@ ERROR_CASES = [
 ]
 
 
-@pytest.mark.parametrize(("options", "message"), ERROR_CASES)
+@pytest.mark.parametrize("options, message", ERROR_CASES)
 def test_errors(frame, options, message):
     with pytest.raises(ModelError, match=message):
         reduced_modes(

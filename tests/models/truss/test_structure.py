@@ -247,7 +247,7 @@ ERROR_CASES = [
 ]
 
 
-@pytest.mark.parametrize(("given", "message"), ERROR_CASES)
+@pytest.mark.parametrize("given, message", ERROR_CASES)
 def test_errors(given, message):
     body = {"mass": M, "stiffness": K, "positions": POSITIONS, "units": SI}
     with pytest.raises(ModelError, match=message):

@@ -114,7 +114,7 @@ ERROR_CASES = [
 ]
 
 
-@pytest.mark.parametrize(("values", "message"), ERROR_CASES)
+@pytest.mark.parametrize("values, message", ERROR_CASES)
 def test_errors_of_data(modes, values, message):
     with pytest.raises(ModelError, match=message):
         replace(modes, **values)
@@ -144,7 +144,7 @@ def test_missing_file():
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    "change, message",
     [
         (lambda _: "{ mass", "it is not JSON"),
         (lambda _: "[1, 2]", "it must be an object with 'format': 'trussflow truss"),

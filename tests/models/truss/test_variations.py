@@ -68,7 +68,7 @@ def test_misjudged():
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    "make, message",
     [
         (
             lambda: scaled(TRUSS, mass=0.0),

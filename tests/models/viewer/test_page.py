@@ -6,7 +6,6 @@ import re
 import sys
 import zlib
 from dataclasses import replace
-from typing import Any
 
 import campaign
 import numpy as np
@@ -44,7 +43,7 @@ class Content:
                 re.DOTALL,
             )
         )
-        self.head: dict[str, Any] = json.loads(parts["head"])
+        self.head = json.loads(parts["head"])
         self._blob = zlib.decompress(base64.b64decode(parts["blob"]))
 
         self.run, *_ = self.head["runs"]
@@ -206,7 +205,7 @@ def test_fine_meshes_become_coarser_until_they_fit(truss, make_run, content, tmp
     )
 
 
-@pytest.mark.parametrize(("duration", "shown"), [(0.04, 41), (1.0, 51)])
+@pytest.mark.parametrize("duration, shown", [(0.04, 41), (1.0, 51)])
 def test_dense_logs_are_thinned_to_instants_that_were_logged(
     truss, make_run, content, duration, shown
 ):
@@ -256,7 +255,7 @@ def not_finite(run, _):
 
 
 @pytest.mark.parametrize(
-    ("spoil", "message"),
+    "spoil, message",
     [
         (
             lambda run, _: run.drop_vars("truss.coordinates"),
@@ -303,7 +302,7 @@ def test_what_is_no_run_of_the_truss_is_one_clear_error(
 
 
 @pytest.mark.parametrize(
-    ("named", "options", "message"),
+    "named, options, message",
     [
         (None, {}, "cannot show the run: the plant is None, not one of published"),
         ("other", {}, "the plant is 'other', not one of published"),

@@ -34,7 +34,7 @@ def loop(brakes=False):
 
 
 @pytest.mark.parametrize(
-    ("part", "bases", "drives"), [("base", 3, 28), ("drives", 4, 21), ("robot", 3, 21)]
+    "part, bases, drives", [("base", 3, 28), ("drives", 4, 21), ("robot", 3, 21)]
 )
 def test_failed_parts_have_no_health(part, bases, drives):
     given = failure_parameters(DYNAMICS, part, 2, 10.0)
@@ -57,7 +57,7 @@ def simulated():
 
 
 @pytest.mark.parametrize(
-    ("robot", "start"), [(1, 1.0), *(campaign.only(robot, 10.0) for robot in (1, 2, 3))]
+    "robot, start", [(1, 1.0), *(campaign.only(robot, 10.0) for robot in (1, 2, 3))]
 )
 def test_a_failed_base_is_isolated(simulated, robot, start):
     """A base fails under up to three newtons of thrust: it is isolated, and the mission continues."""

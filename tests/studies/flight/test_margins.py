@@ -121,7 +121,7 @@ def test_the_first_unstable_value_is_found_up_and_down():
 
 
 @pytest.mark.parametrize(
-    ("feedback", "bound", "ratio"),
+    "feedback, bound, ratio",
     [([1972.718, 19.437], 22.92, 22.92), ([1087.631, 28.840, 1.266], 6.24, 3.62)],
 )
 def test_a_searched_feedback_nearly_reaches_the_bound_of_gains(feedback, bound, ratio):

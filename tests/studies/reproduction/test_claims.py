@@ -152,7 +152,7 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("criterion", "expected", "values"), CASES)
+@pytest.mark.parametrize("criterion, expected, values", CASES)
 def test_verdict(criterion, expected, values):
     assert judged(criterion, values) == expected
 

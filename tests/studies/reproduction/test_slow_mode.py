@@ -41,7 +41,7 @@ def test_poles_are_picked_by_frequency_and_growth():
 
 
 @pytest.mark.parametrize(
-    ("unstable", "damping"),
+    "unstable, damping",
     [
         ([0, 0, 0, 0, 0, 0], 0.0),
         ([1, 0, 1, 0, 0, 0], 0.02),

@@ -99,7 +99,7 @@ def test_delay_margin_with_direct_feedthrough(D):
 
 
 @pytest.mark.parametrize(
-    ("loop", "message"),
+    "loop, message",
     [
         (-2.0 * LAG, r"has no margins: .* unstable poles 1"),
         (

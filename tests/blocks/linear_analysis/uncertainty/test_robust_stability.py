@@ -212,7 +212,7 @@ def test_what_boxes_do_not_decide_stays_open():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "error", "message"),
+    "arguments, error, message",
     [
         ({"boxes": 0}, LinearAnalysisError, "boxes"),
         ({"decay": np.nan}, ParameterError, "decay"),

@@ -15,7 +15,7 @@ from trussflow.blocks.errors import (
 )
 from trussflow.blocks.linear_analysis.uncertainty import uncertain, worst_gain
 from trussflow.blocks.linear_analysis.uncertainty.gain_series import GainSeries, corners
-from trussflow.models import TrussModes, TunableTruss
+from trussflow.models import TunableTruss
 from trussflow.models.truss.variations import loaded, scaled
 
 TOLERANCE = 0.05
@@ -192,7 +192,7 @@ def aligned(truss, like):
 @pytest.mark.campaign
 def test_a_truss_with_uncertain_mass_frequency_damping_and_payload():
     plant = TunableTruss.consistent(modes=3)
-    modes: TrussModes = plant.dynamics.modes
+    modes = plant.dynamics.modes
     tip = modes.positions[np.argmax(np.linalg.norm(modes.positions, axis=1))]
 
     def becoming(mass, frequency, damping, payload):
@@ -234,7 +234,7 @@ def test_a_truss_with_uncertain_mass_frequency_damping_and_payload():
 
 
 @pytest.mark.parametrize(
-    ("ranges", "message"),
+    "ranges, message",
     [
         ({}, "nothing is uncertain"),
         ({"friction": 0.1}, "there is no parameter 'Oscillator.friction'"),
@@ -250,7 +250,7 @@ def test_bad_ranges_are_refused(ranges, message):
 
 
 @pytest.mark.parametrize(
-    ("ranges", "omega", "message"),
+    "ranges, omega, message",
     [
         ({"mass": 0.1}, -1.0, "none below 0"),
         ({"mass": 0.1}, [], "none below 0"),

@@ -57,7 +57,7 @@ def circle(*blocks):
 
 @pytest.mark.parametrize("kind", ["native", "python"])
 @pytest.mark.parametrize(
-    ("number", "text"),
+    "number, text",
     [
         (1, r"the initial states of 'a' \(After\) depend on themselves in a cycle"),
         (

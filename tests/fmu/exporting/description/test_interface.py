@@ -164,7 +164,7 @@ def test_description(version, systems):
 
 
 @pytest.mark.parametrize(
-    ("name", "exponents", "factor", "offset"),
+    "name, exponents, factor, offset",
     [
         ("N*m", {"kg": 1, "m": 2, "s": -2}, 1.0, 0.0),
         ("km/h", {"m": 1, "s": -1}, 1 / 3.6, 0.0),
@@ -207,7 +207,7 @@ def slow():
 
 
 @pytest.mark.parametrize(
-    ("make", "settings", "text"),
+    "make, settings, text",
     [
         (silent, {}, r"'silent': it has no output; diagram.expose"),
         (lambda: 3, {}, "cannot export 3: it is neither a block nor a diagram"),
@@ -237,7 +237,7 @@ def test_exports_that_are_refused(make, settings, text):
 
 
 @pytest.mark.parametrize(
-    ("settings", "text"),
+    "settings, text",
     [
         ({"parameters": {"stiffness": -1.0}}, "stiffness"),
         ({"start": {"force": np.nan}}, "input 'force' of .* is not finite"),
@@ -273,7 +273,7 @@ def sampled_in_python():
 
 
 @pytest.mark.parametrize(
-    ("make", "table"),
+    "make, table",
     [
         (PythonLag, "derivatives"),
         (PythonLag, "outputs"),

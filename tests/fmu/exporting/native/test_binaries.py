@@ -66,7 +66,7 @@ def functions(header):
 
 @needs_host
 @pytest.mark.parametrize(
-    ("version", "header"), [("2.0", "fmi2Functions.h"), ("3.0", "fmi3Functions.h")]
+    "version, header", [("2.0", "fmi2Functions.h"), ("3.0", "fmi3Functions.h")]
 )
 def test_exactly_the_functions_of_the_standard_are_exported(
     version, header, exported, systems, tmp_path
@@ -110,7 +110,7 @@ def printed(*command, **options):
 
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="fmpy builds with cmake")
 @pytest.mark.parametrize(
-    ("version", "target", "position"),
+    "version, target, position",
     [
         ("2.0", {"target[1]": 0.7}, "position[1]"),
         campaign.only("3.0", {"target": [0.7]}, "position"),

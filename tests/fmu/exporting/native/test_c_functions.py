@@ -14,11 +14,10 @@ from trussflow.blocks import (
     Sine,
     simulate,
 )
-from trussflow.blocks.support.types import Array
 from trussflow.fmu import ExportError, Fmu, export
 
 RANDOM = np.random.default_rng(4)
-INPUTS: dict[str, Array] = {
+INPUTS = {
     "effectiveness": RANDOM.standard_normal((3, 6)),
     "spread": np.diag([1.0, 2.0, 3.0]),
     "lower": -np.ones(6),

@@ -21,7 +21,7 @@ from trussflow.blocks import (
 from trussflow.fmu import ExportError, Fmu, FmuError, export
 
 kinds = pytest.mark.parametrize(
-    ("version", "kind"),
+    "version, kind",
     [
         ("2.0", "cs"),
         ("3.0", "me"),

@@ -46,7 +46,7 @@ def test_tunable_parameter_in_continuous_time_mode(version, make):
 
 
 @pytest.mark.parametrize(
-    ("name", "values", "status", "why"),
+    "name, values, status, why",
     [
         ("force", [1.0, np.nan], DISCARD, "(element 2): the value is not finite"),
         ("force", [1.0, np.inf], DISCARD, "(element 2): the value is not finite"),
@@ -92,7 +92,7 @@ def test_calls_out_of_order(one):
 
 
 @pytest.mark.parametrize(
-    ("time", "step", "text"),
+    "time, step, text",
     [
         (0.0, 0.0, "a step of 0 is not positive"),
         (0.0, -1.0, "a step of -1 is not positive"),

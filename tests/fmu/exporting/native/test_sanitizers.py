@@ -54,7 +54,7 @@ def everything():
 
 @pytest.mark.skipif(os.name != "posix", reason="needs the sanitizers of GCC or Clang")
 @pytest.mark.parametrize(
-    ("name", "version", "sequences"),
+    "name, version, sequences",
     [
         ("everything", "2.0", 100),
         ("hybrid", "3.0", 100),

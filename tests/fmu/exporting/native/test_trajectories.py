@@ -114,9 +114,7 @@ def test_a_block_without_states(version, kind, exported, systems):
     assert last[0 if version == "2.0" else 2] == pytest.approx(np.sin(0.6), abs=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("steps", "error"), [(1000, 1e-12), campaign.only(100_000, 0.0)]
-)
+@pytest.mark.parametrize("steps, error", [(1000, 1e-12), campaign.only(100_000, 0.0)])
 def test_many_steps_added_up_stay_on_the_grid(
     steps, error, exported, instance, systems
 ):
@@ -163,7 +161,7 @@ def test_jumps_are_time_events(version, exported):
 
 
 @pytest.mark.parametrize(
-    ("version", "jump"), [("2.0", -0.5), ("2.0", 0.0), ("2.0", 0.5), ("3.0", 0.0)]
+    "version, jump", [("2.0", -0.5), ("2.0", 0.0), ("2.0", 0.5), ("3.0", 0.0)]
 )
 def test_a_jump_where_a_step_ends_belongs_to_the_step_after(
     version, jump, exported, instance

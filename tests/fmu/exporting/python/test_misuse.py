@@ -33,7 +33,7 @@ def refused(one, time, length, message):
 
 
 @pytest.mark.parametrize(
-    ("values", "message"),
+    "values, message",
     [
         (
             {"goal[2]": np.nan},
@@ -90,7 +90,7 @@ def test_unknown_value_reference_and_wrong_type(one):
 
 
 @pytest.mark.parametrize(
-    ("time", "length", "message"),
+    "time, length, message",
     [
         (0.5, 0.01, "the step starts at t = 0.5 s, but the current time is 0 s"),
         (0.0, -0.01, "a step of -0.01 s from t = 0.0 s is not possible"),
@@ -141,7 +141,7 @@ MISSING_LIBRARY = (
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    "changes, message",
     [
         ({"slave": (b"0.1.0'", b"0.0.9'")}, r"the version of trussflow is 0\.1\.0"),
         ({"slave": (b'version("trussflow")', b'version("nowhere")')}, "nowhere"),
@@ -209,7 +209,7 @@ def imports_the_users_module(u):
 
 
 @pytest.mark.parametrize(
-    ("make", "settings", "message"),
+    "make, settings, message",
     [
         (
             lambda: python(failing),
