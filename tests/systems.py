@@ -44,18 +44,37 @@ class Time(Block):
         return {"y": t}
 
 
-class Lag(Block):
-    """x' = u - x, y = x."""
+class Level(Block):
+    """x' = u, y = x."""
 
     u, y = Input(), Output()
-    x = State(initial="start")
-    start = Parameter(0.0)
+    x = State()
 
     def output(self, t, x, u, p):
         return {"y": x.x}
 
     def derivative(self, t, x, u, p):
+        return {"x": u.u}
+
+
+class Lag(Level):
+    """x' = u - x, y = x."""
+
+    x = State(initial="start")
+    start = Parameter(0.0)
+
+    def derivative(self, t, x, u, p):
         return {"x": u.u - x.x}
+
+
+class Follower(Level):
+    """A block that starts one above its input, and stays there."""
+
+    def initial_state(self, u, p):
+        return {"x": u.u + 1.0}
+
+    def derivative(self, t, x, u, p):
+        return {"x": 0.0 * u.u}
 
 
 class Oscillator(Block):

@@ -213,8 +213,7 @@ def test_a_symbol_of_another_kind_is_refused():
 
 
 def test_curve_of_a_table_and_no_caption_without_limits():
-    picture = Diagram("curve")
-    picture.add(table=Table([0.0, 1.0], [0.0, 1.0]))
+    picture = series("curve", table=Table([0.0, 1.0], [0.0, 1.0]))
     assert picture.draw().count('class="curve"') == 1
     assert not any("∞" in text for text in drawn(PID(1.0)))
     assert not any("from" in text for text in drawn(Integrator()))

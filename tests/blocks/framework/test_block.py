@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from systems import Counter, Lag
+from systems import Counter, Lag, series
 
 from trussflow.blocks.errors import (
     BlockError,
@@ -204,8 +204,7 @@ def test_sample_times_make_sense(every, offset):
 
 
 def test_discrete_states_need_a_sample_time():
-    diagram = Diagram("d")
-    diagram.add(b=Counter())
+    diagram = series(b=Counter())
     with pytest.raises(
         BlockError,
         match=r"cannot run block 'b' .*discrete states need a sample time; add",

@@ -38,8 +38,7 @@ def test_blocks_are_added_under_their_keywords():
     "name", ["add", "name", "blocks", "output", "parent", "sampled"]
 )
 def test_names_must_not_hide_attributes(name):
-    diagram = Diagram("d")
-    block = diagram.add(block=Length(1.0))
+    diagram = series("d", block=Length(1.0))
     with pytest.raises(
         DiagramError, match=f"'{name}': every diagram has an attribute of that"
     ):
@@ -47,7 +46,7 @@ def test_names_must_not_hide_attributes(name):
     with pytest.raises(
         DiagramError, match=f"'{name}': every diagram has an attribute of that"
     ):
-        diagram.expose(**{name: block.y})
+        diagram.expose(**{name: diagram.block.y})
 
 
 @pytest.mark.parametrize("name", ["a.b", "a/b", "", "1a"])
@@ -175,9 +174,8 @@ def test_grouped_inputs_must_fit_each_other(name, fault):
 
 
 def test_grounding_what_is_no_input():
-    diagram = Diagram("d")
-    one = diagram.add(one=Length(1.0))
-    for what in (one.y, 3, Gained(2.0).u):
+    diagram = series("d", one=Length(1.0))
+    for what in (diagram.one.y, 3, Gained(2.0).u):
         with pytest.raises(
             WiringError, match=r"cannot ground .* it is not an input of a block in diag"
         ):
@@ -191,8 +189,7 @@ def test_signs_of_a_sum(signs):
 
 
 def test_diagram_without_blocks():
-    outer = Diagram("outer")
-    outer.add(empty=Diagram("empty"))
+    outer = series("outer", empty=Diagram("empty"))
     with pytest.raises(DiagramError, match="diagram 'outer' has no blocks"):
         Plan(outer)
 

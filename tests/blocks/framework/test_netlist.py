@@ -25,10 +25,9 @@ def test_a_cell_is_run_again():
         )
         (2.0 * step - 0.5 * integral) >> gain >> integral
         d.expose(y=integral.y)
-        box = Diagram("box")
-        inner = box.add("inner", Gain(level))
+        box = series(inner=Gain(level))
         d.add("box", box)
-        box.expose(u=inner.u, v=inner.y)
+        box.expose(u=box.inner.u, v=box.inner.y)
         integral >> box.u
         d.ground(d.add("spare", Gain(1.0)).u)
         found = last(d, "integral.y")

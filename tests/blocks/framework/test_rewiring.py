@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from systems import series
 
 from trussflow.blocks import Constant
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.external_inputs import External
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.framework.signal_injection import Adder, injected, probed, readers
@@ -24,11 +24,10 @@ class Reader(Block):
 
 def wired():
     """Return a source with two readers: one whole, one of two elements turned round."""
-    diagram = Diagram("wired")
-    source = diagram.add(source=Constant([1.0, 2.0, 3.0], unit="N", frame="body"))
+    diagram = series(source=Constant([1.0, 2.0, 3.0], unit="N", frame="body"))
     whole, part, _ = diagram.add(whole=Reader(), part=Reader(), alone=Reader())
-    source.y >> whole.u
-    source.y[2:0:-1] >> part.u[0:2]
+    diagram.source.y >> whole.u
+    diagram.source.y[2:0:-1] >> part.u[0:2]
     diagram.ground(part.u[2])
     diagram.expose(out=whole.y)
     return diagram

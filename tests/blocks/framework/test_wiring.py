@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from systems import here
+from systems import here, series
 
 from trussflow.blocks.errors import (
     BlockError,
@@ -189,8 +189,7 @@ def test_wiring_what_is_no_port(value):
 
 def nested(d):
     """Wire to a port in an inner diagram that is not exposed."""
-    box = Diagram("box")
-    box.add(truss=Truss())
+    box = series("box", truss=Truss())
     d.add(box=box)
     d.alloc.f >> box.truss.f
 

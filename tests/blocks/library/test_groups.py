@@ -73,8 +73,7 @@ def values(result, times):
 
 def run(group, duration, **sources):
     """Simulate a group with sources at its ports; log its output."""
-    diagram = Diagram("test")
-    diagram.add(group=group)
+    diagram = series(group=group)
     for name, source in sources.items():
         diagram.add(name, source) >> group.port(name)
     return simulate(diagram, duration, log={"y": group.y}, step=0.01)

@@ -43,8 +43,7 @@ from trussflow.blocks.errors import (
 
 def run(block, u=1.0, **settings):
     """Simulate a block with constants at its inputs."""
-    diagram = Diagram("d")
-    diagram.add(b=block)
+    diagram = series(b=block)
     for port in block.inputs():
         diagram.add(f"{port.name}_source", Constant(u)) >> port
     return simulate(diagram, 0.2, step=0.1, backend="numpy", **settings)
@@ -96,8 +95,7 @@ def added():
 
 
 def time_as_input():
-    diagram = Diagram("d")
-    diagram.add(f=Function(lambda t: np.sin(t)))
+    diagram = series(f=Function(lambda t: np.sin(t)))
     simulate(diagram, 0.1, step=0.1)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from systems import assert_near
+from systems import assert_near, series
 
 from trussflow.blocks import (
     Backlash,
@@ -192,8 +192,7 @@ class Empty(Block):
 
 @over_solvers
 def test_terminal_event_of_an_own_block(settings):
-    d = Diagram("d")
-    d.add(tank=Empty())
+    d = series(tank=Empty())
     ended = run(d, 1.0, settings).attrs["ended"]
     assert ended.startswith("'tank' ended the run at t = 0.33333333")
     assert ended.endswith(" s")

@@ -6,7 +6,7 @@ import sys
 import campaign
 import numpy as np
 import pytest
-from systems import assert_near, ports
+from systems import assert_near, ports, series
 
 import trussflow.blocks as library
 from trussflow.blocks import (
@@ -292,8 +292,7 @@ def test_every_block_runs_in_a_group_or_is_refused_by_name(make, backend):
     command = diagram.add("command", Pulse(0.3, 0.5, delay=0.07))
     for name, block in [*spare.blocks.items()]:
         spare.remove(name)
-        group = Diagram("group")
-        group.add("inner", block)
+        group = series("group", inner=block)
         group.expose(
             **{p.name: p for p in block.ports.values() if p.declaration.default is None}
         )

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from random_diagrams import build
-from systems import Ball, Counter, assert_near, ring, series
+from systems import Ball, Counter, Level, assert_near, ring, series
 
 from trussflow.blocks import (
-    Block,
     Constant,
     Diagram,
     DiscretePID,
@@ -115,8 +114,7 @@ def delays():
 class Settled(Block):
     """A lag that starts where its input is, and an initial state from a parameter."""
 
-    u, y = Input(), Output()
-    x, z = State(), State(initial="start")
+    z = State(initial="start")
     start = Parameter(2.0)
 
     def initial_state(self, u, p):

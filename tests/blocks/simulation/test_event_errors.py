@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from systems import Counter
+from systems import Counter, series
 
-from trussflow.blocks import Block, Diagram, Event, Mode, Output, State, simulate
+from trussflow.blocks import Block, Event, Mode, Output, State, simulate
 from trussflow.blocks.errors import (
     BlockError,
     DivergenceError,
@@ -30,8 +30,7 @@ class Falling(Block):
 
 
 def run(**own):
-    diagram = Diagram("fall")
-    diagram.add(fall=type("Own", (Falling,), own)())
+    diagram = series("fall", fall=type("Own", (Falling,), own)())
     simulate(diagram, 1.0, step=0.1)
 
 
@@ -113,10 +112,9 @@ def test_what_hooks_return(hook, returned, error, message):
     ],
 )
 def test_hooks_that_would_never_be_called(base, own, message):
-    diagram = Diagram("odd")
-    block = diagram.add(odd=type("Own", (base,), own)())
+    diagram = series("odd", odd=type("Own", (base,), own)())
     if base is Counter:
-        block.sampled(0.1)
+        diagram.odd.sampled(0.1)
     with pytest.raises(BlockError, match=f"cannot run block 'odd' .Own.: .*{message}"):
         simulate(diagram, 1.0, step=0.1)
 
@@ -144,8 +142,7 @@ def test_an_indicator_that_is_no_number_is_named(backend, solver, time):
         def indicators(self, t, x, u, p):
             return {"half": np.sqrt(x.level - 0.55)}
 
-    diagram = Diagram("fall")
-    diagram.add(fall=Dividing())
+    diagram = series("fall", fall=Dividing())
     with pytest.raises(
         SimulationError, match=rf"indicator 'fall.half' is not a number at t = {time}"
     ):

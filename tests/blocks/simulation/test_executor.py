@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from systems import series
 
 from trussflow.blocks import (
     Block,
@@ -35,8 +36,7 @@ def nested(a, b):
 
 
 def values(block, backend):
-    diagram = Diagram("d")
-    diagram.add(block=block)
+    diagram = series("d", block=block)
     return simulate(diagram, 1.0, step=1.0, backend=backend)["block.y"].values[0]
 
 

@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from systems import series
 
 from trussflow.blocks import Diagram, Integrator, Session, StateSpace, Step, simulate
 from trussflow.blocks.errors import SimulationWarning
@@ -15,8 +16,7 @@ from trussflow.blocks.simulation.solver import FIXED_STEP
 def test_a_step_is_the_one_of_its_formula(solver, backend):
     """Also in C, where solvers have numbers: one step after the other, of an oscillator."""
     A, h = np.array([[0.0, 1.0], [-4.0, -0.5]]), 0.3
-    diagram = Diagram("oscillator")
-    diagram.add(plant=StateSpace(A, np.zeros((2, 0)), np.eye(2)))
+    diagram = series("oscillator", plant=StateSpace(A, np.zeros((2, 0)), np.eye(2)))
     found = simulate(
         diagram,
         3 * h,

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from systems import assert_near, ring, series
+from systems import Follower, assert_near, ring, series
 
 from trussflow.blocks import (
     Block,
@@ -15,7 +15,6 @@ from trussflow.blocks import (
     OperatingPoint,
     Output,
     Session,
-    State,
     StateSpace,
     cosimulate,
     linearize,
@@ -23,22 +22,6 @@ from trussflow.blocks import (
 )
 from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.framework.run_state import SelfStepping
-
-
-class Follower(Block):
-    """Starts one above its input, and stays there."""
-
-    u, y = Input(), Output()
-    level = State()
-
-    def initial_state(self, u, p):
-        return {"level": u.u + 1.0}
-
-    def output(self, t, x, u, p):
-        return {"y": x.level}
-
-    def derivative(self, t, x, u, p):
-        return {"level": 0.0 * u.u}
 
 
 class PythonFollower(Follower):
@@ -85,9 +68,7 @@ def test_a_circle_is_refused_wherever_it_is_run(number):
 
 
 def test_a_circle_is_opened_by_a_value_that_is_given():
-    result = simulate(
-        followers(2, circle=True), 0.1, step=0.1, initial={"f0.level": 3.0}
-    )
+    result = simulate(followers(2, circle=True), 0.1, step=0.1, initial={"f0.x": 3.0})
     assert [result[f"f{i}.y"][-1] for i in range(2)] == [3.0, 4.0]
 
 

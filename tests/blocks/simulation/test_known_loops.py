@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from systems import assert_near
+from systems import assert_near, series
 
 from trussflow.blocks import Diagram, Gain, Integrator, Sine, UnitDelay, simulate
 
@@ -15,8 +15,7 @@ def test_feedback_of_the_indirect_output_of_a_subsystem_is_no_loop(backend, loop
     inner = Diagram("inner")
     state, direct = inner.add(state=Integrator(1.0), direct=Gain(2.0))
     inner.expose(u=(state.u, direct.u), passed=direct.y, integral=state.y)
-    middle = Diagram("middle")
-    middle.add(inner=inner)
+    middle = series(inner=inner)
     middle.expose(u=inner.u, passed=inner.passed, integral=inner.integral)
     diagram = Diagram("outer", loops=loops)
     diagram.add(middle=middle)

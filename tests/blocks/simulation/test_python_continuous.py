@@ -52,9 +52,8 @@ class Ball(systems.PythonBall):
 
 def ball(restitution=0.7):
     """Return a diagram of a ball, and the ball."""
-    diagram = Diagram("ball")
-    block = diagram.add(ball=Ball(restitution=restitution))
-    return diagram, block
+    diagram = series("ball", ball=Ball(restitution=restitution))
+    return diagram, diagram.ball
 
 
 def bounce_times(before, restitution=0.7):
@@ -217,8 +216,7 @@ def test_time_events_at_instants_come_before_what_is_sampled_and_logged(solver):
     assert_array_equal(result["stair.y"], expected)
     assert_array_equal(result["hold.y"], expected)
 
-    alone = Diagram("stair")
-    alone.add(stair=Stair(0.5))
+    alone = series("stair", stair=Stair(0.5))
     result = simulate(alone, 1.0, step=0.25, solver=solver, log_step=0.25)
     assert_array_equal(result["stair.y"], expected)  # within the span of a solver
     with Session(Stair(0.5), step=0.25, solver=solver) as session:

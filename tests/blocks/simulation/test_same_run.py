@@ -4,6 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from systems import series
 
 from trussflow.blocks import Block, Diagram, Function, Input, Output, Simulator, Sine
 from trussflow.blocks.errors import SimulationError, TimeLimitError
@@ -42,8 +43,7 @@ def test_runs_of_other_logged_equations_and_other_starts_of_loops_are_not_resume
 
 def test_a_complete_run_is_returned_as_it_is(tmp_path):
     def run(duration, **others):
-        diagram = Diagram("d")
-        diagram.add(sine=Sine(1.0))
+        diagram = series(sine=Sine(1.0))
         running = Simulator(diagram, step=0.25, backend="interpreted")
         with running.run(
             duration, stream_to=tmp_path / "a.nc", checkpoint_every=1.0, **others
@@ -103,8 +103,7 @@ class Slotted(Listed):
 )
 def test_what_python_blocks_were_made_with_tells_them_apart(kind, one, other):
     def mark(given):
-        diagram = Diagram("d")
-        diagram.add(block=kind(given))
+        diagram = series(block=kind(given))
         return Simulator(diagram, step=0.1, backend="interpreted").prepared.fingerprint
 
     assert mark(one) == mark(one) != mark(other)

@@ -72,8 +72,7 @@ class Alarm(Block):
 
 
 def test_modes_that_become_infinite_are_logged():
-    diagram = Diagram("clock")
-    diagram.add(alarm=Alarm())
+    diagram = series("clock", alarm=Alarm())
     result = simulate(
         diagram, 1.0, **SETTINGS, log=["alarm.following"], not_finite="stop"
     )

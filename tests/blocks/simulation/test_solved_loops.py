@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
-from systems import Ball, assert_near, ports
+from systems import Ball, assert_near, ports, series
 
 from trussflow.blocks import (
     Block,
@@ -272,7 +272,7 @@ def test_no_solution_is_an_error_that_says_where_and_when(backend, solver):
     assert_near(result["law.y"] ** 2, 1.0 - result["state.y"], ROUND_OFF)
 
 
-def ring(gain):
+def gain_loop(gain):
     """Return y = gain(1 + y)."""
     diagram = Diagram("ring", loops="solve")
     block = diagram.add(law=gain)
@@ -288,9 +288,9 @@ def root_of_two():
 @pytest.mark.parametrize(
     "diagram, message",
     [
-        (ring(Gain(1.0)), r"at t = 0 s: its equations are singular"),
-        (ring(Gain(0.1 + 0.2 + 0.7)), r"at t = 0 s: its equations are singular"),
-        (ring(law(lambda u: u, "u")), r"at t = 0 s: its equations are singular"),
+        (gain_loop(Gain(1.0)), r"at t = 0 s: its equations are singular"),
+        (gain_loop(Gain(0.1 + 0.2 + 0.7)), r"at t = 0 s: its equations are singular"),
+        (gain_loop(law(lambda u: u, "u")), r"at t = 0 s: its equations are singular"),
         # The slope is constant, but y is 1 up to 1/2, and 0 above.
         (
             circle(law(lambda back: np.where(back > 0.5, 0.0, 1.0), "back")),
@@ -330,7 +330,7 @@ def test_loops_through_python_blocks_settle_at_zero():
 @pytest.mark.parametrize("gain", [0.5, -3.0, 1.0])
 def test_loops_through_continuous_python_blocks(gain):
     """As y = gain (1 + y), if the diagram says so; for a gain of one there is no solution."""
-    diagram = ring(python(Gain, gain))
+    diagram = gain_loop(python(Gain, gain))
     if gain == 1.0:
         with pytest.raises(
             DivergenceError,
@@ -362,7 +362,7 @@ def test_each_loop_through_python_blocks_needs_the_policy():
 
 def test_python_blocks_behind_a_loop_are_not_iterated_with_it():
     """Such a block sees the solution alone, not the signals that Newton's method tries."""
-    diagram = ring(python(Gain, 0.5))
+    diagram = gain_loop(python(Gain, 0.5))
     calls = []
     (
         diagram.law.y
@@ -380,8 +380,7 @@ def test_loops_are_refused_unless_their_diagram_says_so():
     gain >> half
     around = inner.add(around=Gain(1.0))
     inner.expose(y=gain.y, u=around.u, back=around.y)
-    outer = Diagram("outer")
-    outer.add(inner=inner)
+    outer = series(inner=inner)
     outer.ground(inner.u)
     assert_near(values(outer, "inner.gain.y"), 2.0, ROUND_OFF)
     outer.disconnect(inner.u)

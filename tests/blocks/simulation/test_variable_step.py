@@ -11,7 +11,6 @@ from systems import ring, series
 
 from trussflow.blocks import (
     Block,
-    Diagram,
     Event,
     Integrator,
     MatrixGain,
@@ -137,8 +136,7 @@ class Swing(Block):
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("solver", METHODS)
 def test_events_are_located_exactly(solver, backend):
-    diagram = Diagram("d")
-    diagram.add(swing=Swing())
+    diagram = series("d", swing=Swing())
     result = simulate(
         diagram, 20.0, solver=solver, backend=backend, rtol=1e-12, atol=1e-13
     )

@@ -3,20 +3,16 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from systems import differences, ports, ring, series
+from systems import Level, differences, ports, ring, series
 
 from trussflow.blocks import (
-    Block,
     Constant,
     Diagram,
     Gain,
-    Input,
     Integrator,
-    Output,
     Parameter,
     PythonFunction,
     Sine,
-    State,
     StateSpace,
     TransportDelay,
     UnitDelay,
@@ -167,21 +163,13 @@ def test_gradients_agree_with_differences(case):
         assert by[name] == pytest.approx(slope, rel=1e-6), name
 
 
-class Curved(Block):
+class Curved(Level):
     """An integrator whose initial state is the square of a parameter."""
 
-    u, y = Input(), Output()
-    x = State()
     start = Parameter(2.0)
 
     def initial_state(self, u, p):
         return {"x": p.start**2}
-
-    def output(self, t, x, u, p):
-        return {"y": x.x}
-
-    def derivative(self, t, x, u, p):
-        return {"x": u.u}
 
 
 def test_curved_initial_states_are_refused():

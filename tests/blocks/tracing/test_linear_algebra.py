@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from systems import assert_near
+from systems import assert_near, series
 
 from trussflow.blocks.errors import SimulationWarning
 from trussflow.blocks.framework.block import Block
@@ -123,8 +123,7 @@ def test_traced_code_solves_what_is_indefinite_and_does_not_hide_what_is_singula
     pattern = arrow(border, blocks)
     n = len(pattern)
     m, b = matrix_of(pattern), np.arange(1.0, n + 1)
-    diagram = Diagram("d")
-    diagram.add(solver=Solver(pattern, (n,), m=m, b=b))
+    diagram = series(solver=Solver(pattern, (n,), m=m, b=b))
     simulator = Simulator(diagram, step=1.0, backend=backend)
 
     def solution(matrix):

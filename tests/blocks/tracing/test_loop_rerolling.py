@@ -92,20 +92,19 @@ def chain(count):
 
 def many(n):
     """Return one block of vectors."""
-    diagram = Diagram("vectors")
-    alike, gain = diagram.add(alike=Alike(n), gain=Gain(np.linspace(-1.0, 1.0, n)))
-    alike.turned >> gain
+    diagram = series(alike=Alike(n))
+    diagram.alike.turned >> diagram.add(gain=Gain(np.linspace(-1.0, 1.0, n)))
     return diagram
 
 
 def full(n):
     """Return a linear block whose matrix is full."""
     draw = np.random.default_rng(1).standard_normal
-    diagram = Diagram("full")
-    diagram.add(
+    diagram = series(
+        "full",
         plant=StateSpace(
             0.1 * draw((n, n)) - 2.0 * np.eye(n), draw((n, 2)), draw((9, n)), 0.0
-        )
+        ),
     )
     source = diagram.add(source=Sine(np.ones(2), 1.0))
     source >> diagram.plant

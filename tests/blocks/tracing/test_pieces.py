@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from systems import series
 
-from trussflow.blocks import Block, Diagram, Output, Parameter, Simulator, State
+from trussflow.blocks import Block, Output, Parameter, Simulator, State
 from trussflow.blocks.tracing import codegen
 from trussflow.blocks.tracing.kernels import repeated
 
@@ -38,8 +39,7 @@ class Ring(Block):
 
 @pytest.mark.parametrize("length, file", [(1, 300), (5, 900), (40, 10**9)])
 def test_pieces_compute_the_same(length, file, tmp_path, monkeypatch):
-    diagram = Diagram("ring")
-    diagram.add(ring=Ring())
+    diagram = series(ring=Ring())
     expected = Simulator(diagram, step=1e-2, backend="interpreted").run(1.0)
     monkeypatch.setenv("TRUSSFLOW_CACHE", str(tmp_path))
     monkeypatch.setattr(codegen, "MAX_PIECE_INSTRUCTIONS", length)

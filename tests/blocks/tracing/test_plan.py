@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from systems import series
+from systems import Level, series
 
 from trussflow.blocks import Constant
 from trussflow.blocks.errors import NameLookupError, ParameterError, SimulationError
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.declarations import Parameter, State
 from trussflow.blocks.framework.diagram import Diagram
-from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.framework.port import Output
 from trussflow.blocks.simulation import executor as executor_module
 from trussflow.blocks.simulation.simulator import Simulator, simulate
 from trussflow.blocks.tracing import compiler
@@ -18,27 +18,18 @@ from trussflow.blocks.tracing.plan import Plan
 
 
 class Decay(Block):
-    y = Output((2,))
-    x = State((2,), initial="start")
+    y = Output(2)
+    x = State(2, initial="start")
     rate = Parameter(1.0)
-    start = Parameter((1.0, 2.0), (2,))
-
-    def output(self, t, x, u, p):
-        return {"y": x.x}
+    start = Parameter((1.0, 2.0), 2)
+    output = Level.output
 
     def derivative(self, t, x, u, p):
         return {"x": -p.rate * x.x}
 
 
-class Lag(Block):
+class Lag(Level):
     """A filter that starts at its input."""
-
-    u = Input()
-    y = Output()
-    x = State()
-
-    def output(self, t, x, u, p):
-        return {"y": x.x}
 
     def derivative(self, t, x, u, p):
         return {"x": u.u - x.x}
@@ -56,8 +47,7 @@ def test_tunable_parameters_never_recompile(backend, monkeypatch):
         return compile_library(content, files, functions)
 
     monkeypatch.setattr(executor_module, "compile_library", counted)
-    diagram = Diagram("d")
-    diagram.add(decay=Decay())
+    diagram = series(decay=Decay())
     simulator = Simulator(diagram, step=0.01, backend=backend)
     for rate in (1.0, 0.5, 3.0):
         for start in ((1.0, 2.0), (5.0, -5.0)):
@@ -141,9 +131,8 @@ def test_initial_states_from_inputs_are_checked(returned, cause, message):
                 raise ZeroDivisionError
             return returned
 
-    diagram = Diagram("d")
-    lag = diagram.add(lag=Wrong())
-    diagram.ground(lag.u)
+    diagram = series(lag=Wrong())
+    diagram.ground(diagram.lag.u)
     with pytest.raises(cause, match=message):
         simulate(diagram, 1.0, step=0.1, backend="numpy")
 
@@ -156,9 +145,8 @@ def test_error_in_plain_numpy_names_block_and_time():
                 raise RuntimeError("too late")
             return {"x": u.u}
 
-    diagram = Diagram("d")
-    late = diagram.add(late=Late())
-    diagram.ground(late.u)
+    diagram = series(late=Late())
+    diagram.ground(diagram.late.u)
     with pytest.raises(
         SimulationError,
         match=r"derivative\(\) of block 'late' \(Late\) raised Run.* at t = 1.05",

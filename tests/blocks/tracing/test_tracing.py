@@ -172,9 +172,8 @@ class Arms(Block):
 
 
 def test_only_the_kernels_that_are_needed_are_called():
-    diagram = Diagram("d")
-    arms = diagram.add(arms=Arms())
-    diagram.ground(arms.q)
+    diagram = series(arms=Arms())
+    diagram.ground(diagram.arms.q)
     plan = Plan(diagram)
     ports = [plan.system.port(f"arms.{name}") for name in ("inertia", "rate")]
     calls = [len(plan.trace([outputs([p])])[0].calls) for p in ports]

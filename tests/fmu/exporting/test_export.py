@@ -8,7 +8,7 @@ from importlib.util import find_spec
 import pytest
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
-from systems import ports
+from systems import ports, series
 
 from trussflow.blocks import Constant, Diagram, Integrator, PythonFunction, Session
 from trussflow.blocks.tracing import compiler
@@ -99,9 +99,8 @@ def test_exports_that_are_refused(make, name, settings, text, tmp_path):
 def test_imported_fmus_are_refused_by_name(tmp_path, kind):
     """Their outputs at the start follow from code that cannot be analyzed."""
     inner = export(Integrator(), tmp_path / "inner.fmu")
-    diagram = Diagram("outer")
-    fmu = diagram.add(fmu=Fmu(inner))
-    diagram.expose(u=fmu.u, y=fmu.y)
+    diagram = series(fmu=Fmu(inner))
+    diagram.expose(u=diagram.fmu.u, y=diagram.fmu.y)
     with pytest.raises(
         ExportError, match=r"'fmu' \(Fmu\) .*there is trussflow.fmu.ssp.export_ssp"
     ):

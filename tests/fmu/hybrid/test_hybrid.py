@@ -9,9 +9,9 @@ import pytest
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 from numpy.testing import assert_array_equal
+from systems import series
 
 from trussflow.blocks import (
-    Diagram,
     Free,
     OperatingPoint,
     Session,
@@ -56,11 +56,9 @@ def exported_case(case, version, exported):
 
 def check_native(case, version, exported):
     path = exported_case(case, version, exported)
-    importer = Diagram("co-simulation")
-    importer.add(fmu=Fmu(path, kind="cs", step=0.1))
+    importer = series("co-simulation", fmu=Fmu(path, kind="cs", step=0.1))
     case.run("rk4", importer, step=0.1)
-    importer = Diagram("model exchange")
-    importer.add(fmu=Fmu(path, kind="me"))
+    importer = series("model exchange", fmu=Fmu(path, kind="me"))
     for solver in ("rk4", "DOP853"):
         case.run(solver, importer)
 
@@ -92,12 +90,12 @@ def test_a_foreign_importer(case, kind, exported):
 
 
 def test_python_fmus(case, tmp_path):
-    importer = Diagram("importer")
-    importer.add(
+    importer = series(
+        "importer",
         fmu=Fmu(
             export(case.build(), tmp_path / "case.fmu", kind="python", step=TIME_STEP),
             step=0.1,
-        )
+        ),
     )
     case.run("rk4", importer, step=0.1)
 

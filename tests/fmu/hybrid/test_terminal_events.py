@@ -55,8 +55,7 @@ def test_runs_end(backend, settings):
 
 def test_a_terminal_event_counts_in_a_group_that_runs():
     """The condition becomes true while the group is off, so that the run ends at the enabling."""
-    group = Diagram("group")
-    group.add(stop=StopWhen())
+    group = series("group", stop=StopWhen())
     group.expose(u=group.stop.u)
     d = Diagram("grouped")
     signal, off, on, group = d.add(
@@ -112,8 +111,7 @@ def test_a_foreign_importer_ends_the_run(version, kind, exported):
 
 def test_a_python_fmu_fails_in_the_step_with_the_event(tmp_path):
     path = export(ramp(), tmp_path / "ramp.fmu", kind="python", step=0.01)
-    importer = Diagram("importer")
-    importer.add(fmu=Fmu(path, step=0.05))
+    importer = series(fmu=Fmu(path, step=0.05))
     with pytest.raises(Exception, match=r"0\.1") as it:
         simulate(importer, 1.0, step=0.05)
     assert_allclose(it.value.result["time"][-1], 0.1, rtol=0, atol=1e-12)

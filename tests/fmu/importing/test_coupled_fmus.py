@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from pythonfmu.builder import FmuBuilder
-from systems import assert_near
+from systems import assert_near, series
 
 from trussflow.blocks import (
     Constant,
@@ -147,8 +147,7 @@ def test_a_loop_is_refused_with_its_path(lines, tmp_path):
 
 def test_an_fmu_is_tried_whether_it_follows_its_inputs(lines, lag, tmp_path):
     def follows(block, start=0.0):
-        diagram = Diagram("one")
-        diagram.add(block=block)
+        diagram = series("one", block=block)
         diagram.ground(block.u)
         master = CoSimulator(diagram, step=H)
         result = master.run(4 * H)
@@ -228,8 +227,7 @@ def test_steps_that_an_fmu_discards_are_taken_shorter(lag):
 
 
 def test_parameters_reach_the_fmu(lag):
-    diagram = Diagram("one")
-    diagram.add(lag=Fmu(lag, step=H))
+    diagram = series("one", lag=Fmu(lag, step=H))
     diagram.ground(diagram.lag.u)
     with pytest.raises(SimulationError, match="discarded its step"):
         cosimulate(diagram, 1.0, step=H, parameters={"lag.longest": 1e-6})

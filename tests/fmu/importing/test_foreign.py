@@ -10,7 +10,7 @@ import casadi as ca
 import fmpy
 import numpy as np
 import pytest
-from systems import Oscillator, assert_near
+from systems import Oscillator, assert_near, series
 
 from trussflow.blocks import Constant, Diagram, Sine, linearize, simulate
 from trussflow.fmu import Fmu
@@ -96,8 +96,7 @@ def test_a_table_by_pythonfmu(tmp_path):
         str(tmp_path),
     ]
     subprocess.run(command, check=True, capture_output=True)
-    diagram = Diagram("table")
-    diagram.add(table=Fmu(tmp_path / "Table.fmu", step=0.1))
+    diagram = series("table", table=Fmu(tmp_path / "Table.fmu", step=0.1))
     result = simulate(diagram, 3.0, step=0.1)
     t = result["time"].values
     expected = np.interp(t, times, times**2)
@@ -184,8 +183,9 @@ class Decay(Fmi3SlaveBase, ModelExchange):
 
 
 def test_model_exchange_by_pythonfmu3(tmp_path):
-    diagram = Diagram("decay")
-    diagram.add(decay=Fmu(built(tmp_path, DECAY, "Decay"), parameters={"k": 2.0}))
+    diagram = series(
+        "decay", decay=Fmu(built(tmp_path, DECAY, "Decay"), parameters={"k": 2.0})
+    )
     result = simulate(
         diagram, 1.0, solver="DOP853", rtol=1e-10, atol=1e-12, log_step=0.5
     )

@@ -281,8 +281,7 @@ def test_parameters_and_start_values(make_fmu, version, kind, time_limit):
         "start": {"h": 2.0, "v": 1.0},
         "time_limit": time_limit,
     }
-    diagram = Diagram("moon")
-    diagram.add(fmu=ball(make_fmu, version, kind, **moon))
+    diagram = series("moon", fmu=ball(make_fmu, version, kind, **moon))
     assert diagram.fmu.variables["g"] == ("g",)
     for g, parameters in ((1.6, {}), (3.7, {"fmu.g": 3.7})):
         result = simulate(diagram, 0.5, step=0.1, parameters=parameters)

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sources import MISSIONS
+from systems import series
 
-from trussflow.blocks import Diagram, Simulator
+from trussflow.blocks import Simulator
 from trussflow.models import Frame, RobotArm, SpaceTruss, TrussDynamics, reduced_modes
 
 RING = MISSIONS / "ring.toml"
@@ -35,9 +36,8 @@ def operations(*, robots=2, joints=2, modes=2):
     dynamics = TrussDynamics(
         modes=truss, arms=(arm_of(joints),) * robots, elastic_integrals=True
     )
-    diagram = Diagram("ring")
-    plant = diagram.add(truss=SpaceTruss(dynamics))
-    diagram.ground(plant.actuation)
+    diagram = series("ring", truss=SpaceTruss(dynamics))
+    diagram.ground(diagram.truss.actuation)
     simulator = Simulator(
         diagram, step=1e-3, log=["truss.modal_rate"], backend="interpreted"
     )

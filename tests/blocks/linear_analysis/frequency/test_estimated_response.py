@@ -4,7 +4,7 @@ import control
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from systems import assert_near, ports, ring
+from systems import assert_near, ports, ring, series
 
 from trussflow.blocks import (
     Constant,
@@ -236,8 +236,7 @@ def test_inputs_from_outside_keep_the_values_of_the_point_and_parameters_count()
 )
 def test_what_makes_no_sense_is_refused_with_the_way_out(changed, message):
     given = {"omega": OMEGA, "amplitude": 1.0, "step": 0.01} | changed
-    diagram = Diagram("masses")
-    diagram.add(plant=masses())
+    diagram = series("masses", plant=masses())
     diagram.expose(u=diagram.plant.u, y=diagram.plant.y)
     with pytest.raises((LinearAnalysisError, ParameterError), match=message):
         estimated_response(diagram, **given)

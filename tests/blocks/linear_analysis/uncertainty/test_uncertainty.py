@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from systems import Oscillator, series
 
-from trussflow.blocks import Diagram, Gain, StateSpace, ZeroOrderHold
+from trussflow.blocks import Gain, StateSpace, ZeroOrderHold
 from trussflow.blocks.errors import (
     LinearAnalysisError,
     ParameterError,
@@ -203,8 +203,7 @@ def test_a_truss_with_uncertain_mass_frequency_damping_and_payload():
             for name, value in plant.truss_parameters(truss).items()
         }
 
-    diagram = Diagram("truss")
-    diagram.add(truss=plant)
+    diagram = series("truss", truss=plant)
     diagram.ground(plant.actuation)
     ranges = {
         "mass": (0.95, 1.05),

@@ -4,45 +4,22 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from systems import Follower
 
-from trussflow.blocks import Block, Diagram, Gain, Input, Output, State
+from trussflow.blocks import Diagram, Gain, Input, Output, State
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.description.export_interface import ExportInterface
 from trussflow.fmu.exporting.export import export
 
 
-class After(Block):
-    """Starts one above its input, and stays there."""
-
-    u = Input()
-    y = Output()
-    level = State()
-
-    def output(self, t, x, u, p):
-        return {"y": x.level}
-
-    def derivative(self, t, x, u, p):
-        return {"level": 0.0 * x.level}
-
-    def initial_state(self, u, p):
-        return {"level": u.u + 1}
-
-
-class Pair(Block):
+class Pair(Follower):
     """Two levels: the first starts at three, the second one above the first input."""
 
-    u = Input(2)
-    y = Output(2)
-    level = State(2)
-
-    def output(self, t, x, u, p):
-        return {"y": x.level}
-
-    def derivative(self, t, x, u, p):
-        return {"level": 0.0 * x.level}
+    u, y = Input(2), Output(2)
+    x = State(2)
 
     def initial_state(self, u, p):
-        return {"level": np.stack([3.0 + 0.0 * u.u[0], u.u[0] + 1])}
+        return {"x": np.stack([3.0 + 0.0 * u.u[0], u.u[0] + 1])}
 
 
 def circle(*blocks):
@@ -59,10 +36,10 @@ def circle(*blocks):
 @pytest.mark.parametrize(
     "number, text",
     [
-        (1, r"the initial states of 'a' \(After\) depend on themselves in a cycle"),
+        (1, r"the initial states of 'a' \(Follower\) depend on themselves in a cycle"),
         (
             2,
-            r"the initial states of '[ab]' \(After\), '[ab]' \(After\) depend on themselves",
+            r"the initial states of '[ab]' \(Follower\), '[ab]' \(Follower\) depend on themselves",
         ),
     ],
 )
@@ -71,7 +48,7 @@ def test_initial_states_in_a_circle_are_refused(number, text, kind, tmp_path):
         ExportError, match=f"cannot export 'circle': {text}.*let one of them start"
     ):
         export(
-            circle(*(After() for _ in range(number))),
+            circle(*(Follower() for _ in range(number))),
             tmp_path / "circle.fmu",
             kind=kind,
         )
@@ -79,8 +56,8 @@ def test_initial_states_in_a_circle_are_refused(number, text, kind, tmp_path):
 
 
 def test_blocks_beside_a_circle_are_not_blamed():
-    diagram = circle(After(), After())
-    beside = diagram.add(beside=After())
+    diagram = circle(Follower(), Follower())
+    beside = diagram.add(beside=Follower())
     diagram.blocks["a"].port("y") >> beside.u
     with pytest.raises(ExportError) as caught:
         ExportInterface.of(diagram)
@@ -92,7 +69,7 @@ def test_a_chain_starts_right_in_whatever_order_it_was_added(
 ):
     """From the input 2 to 3, 4 and 5; set again before the end of initialization, from 7."""
     diagram = Diagram("chain")
-    c, b, a = diagram.add(c=After(), b=After(), a=After())
+    c, b, a = diagram.add(c=Follower(), b=Follower(), a=Follower())
     a.y >> b.u
     b.y >> c.u
     diagram.expose(u=a.u, one=a.y, two=b.y, three=c.y)

@@ -4,7 +4,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from systems import ports, series
+from systems import Lag, ports, series
 
 from trussflow.blocks import (
     Block,
@@ -12,11 +12,9 @@ from trussflow.blocks import (
     Diagram,
     DisturbanceObserver,
     Function,
-    Input,
     Integrator,
     Output,
     PythonFunction,
-    State,
     UnitDelay,
 )
 from trussflow.blocks.errors import ParameterError
@@ -249,18 +247,10 @@ def test_values_that_are_refused(systems, settings, text):
         ExportInterface.of(systems.Oscillator(2), **settings)
 
 
-class PythonLag(Block):
+class PythonLag(Lag):
     """A low pass that is Python code."""
 
     traced = False
-    u, y = Input(), Output()
-    x = State()
-
-    def output(self, t, x, u, p):
-        return {"y": x.x}
-
-    def derivative(self, t, x, u, p):
-        return {"x": u.u - x.x}
 
 
 def sampled_in_python():

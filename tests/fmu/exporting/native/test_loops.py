@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from fmpy import read_model_description
 from numpy.testing import assert_allclose
-from systems import assert_near
+from systems import assert_near, series
 
 from trussflow.blocks import (
     Diagram,
@@ -79,8 +79,7 @@ def test_a_solution_is_followed(version, kind, tmp_path):
     ramp.y >> law.u
     law.y >> law.back
     diagram.expose(y=law.y)
-    importer = Diagram("importer")
-    importer.add(fmu=imported(diagram, version, kind, tmp_path, 0.02))
+    importer = series("importer", fmu=imported(diagram, version, kind, tmp_path, 0.02))
     y = simulate(importer, 1.0, step=0.02 if kind == "me" else 0.1)["fmu.y"].values
     assert_near(y, np.linspace(0.0, 20.0, y.size), 1e-12)
 
@@ -118,8 +117,7 @@ def test_a_loop_that_cannot_be_solved_fails_the_step(tmp_path):
     root.y >> root.back
     roots.guess(root.y, 1.0)
     roots.expose(y=root.y)
-    diagram = Diagram("importer")
-    diagram.add(fmu=imported(roots, "3.0", "cs", tmp_path, 0.01))
+    diagram = series("importer", fmu=imported(roots, "3.0", "cs", tmp_path, 0.01))
     with pytest.raises(FmuError, match="an algebraic loop cannot be solved at time"):
         simulate(diagram, 2.0, step=0.1)
 

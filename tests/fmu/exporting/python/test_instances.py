@@ -10,20 +10,13 @@ import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
 from numpy.testing import assert_array_equal
-
-from trussflow.blocks import Block, Input, Output, State
+from systems import Level
 
 COMMUNICATION_STEP = 0.01
 
 
-class Growth(Block):
+class Growth(Level):
     """dx/dt = u exp(2 x): it reaches infinity at t = 1/(2 u), from x = 0."""
-
-    u, y = Input(), Output()
-    x = State()
-
-    def output(self, t, x, u, p):
-        return {"y": x.x}
 
     def derivative(self, t, x, u, p):
         return {"x": u.u * np.exp(2.0 * x.x)}
