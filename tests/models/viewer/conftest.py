@@ -1,5 +1,7 @@
 """Runs to look at, made of sines, and the browser that looks at them."""
 
+from contextlib import contextmanager
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -78,27 +80,33 @@ class Replay(Watched):
         return self.page
 
 
-@pytest.fixture(scope="session")
-def opened(chromium):
-    """Return a maker of windows."""
-    contexts = []
+@contextmanager
+def windows(chromium):
+    """Yield a function that opens windows, small ones as pixels take most of the time; close them in the end."""
+    made = []
 
-    def make(width=1000, height=700, scheme="light"):
-        context = chromium.new_context(
-            viewport={"width": width, "height": height},
-            color_scheme="dark" if scheme == "dark" else "light",
-        )
-        contexts.append(context)
-        return Replay(context.new_page(), "error")
+    def make(width=760, height=560):
+        context = chromium.new_context(viewport={"width": width, "height": height})
+        made.append(Replay(context.new_page(), "error"))
+        return made[-1]
 
     yield make
-    for context in contexts:
-        context.close()
+    for one in made:
+        one.page.context.close()
+        assert one.complaints == []
 
 
-@pytest.fixture(scope="session")
-def window(opened, page_file):
+@pytest.fixture
+def opened(chromium):
+    """Return a maker of windows."""
+    with windows(chromium) as make:
+        yield make
+
+
+@pytest.fixture(scope="module")
+def window(chromium, page_file):
     """Return a window with the page of `run`; tests may do with it what its controls do."""
-    found = opened()
-    found.open(page_file)
-    return found
+    with windows(chromium) as make:
+        found = make()
+        found.open(page_file)
+        yield found

@@ -18,7 +18,7 @@ from trussflow.blocks.results.dataset import save
 from trussflow.models import ModelError, SpaceTruss
 from trussflow.models.robots.urdf_reading import Pose
 from trussflow.models.robots.visuals import Visual
-from trussflow.models.viewer import Section, page, replay, still
+from trussflow.models.viewer import Section, movie, page, replay, still
 from trussflow.models.viewer.__main__ import main
 from trussflow.models.viewer.motion import FRAME_TIME
 from trussflow.models.viewer.packing import Packer
@@ -399,3 +399,5 @@ def test_pictures_say_what_is_missing(page_file, tmp_path, monkeypatch):
         monkeypatch.setenv("BROWSER_PATH", program)
         with pytest.raises(ModelError, match=message):
             still(file, tmp_path / "none.png", time=1.0, camera=camera)
+    with pytest.raises(ModelError, match=r"must end in \.gif"):
+        movie(page_file, tmp_path / "run.avi")
