@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import campaign
+import numpy as np
 import pytest
 from hypothesis import settings
 
@@ -56,10 +57,23 @@ def pytest_collection_modifyitems(items):
     items.sort(key=place)
 
 
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20260215)
+
+
+@pytest.fixture(scope="session")
+def modes():
+    """Return the modes of the reconstructed truss."""
+    # models are imported by the tests that use them
+    from trussflow.models import TrussModes
+
+    return TrussModes.reconstructed()
+
+
 @pytest.fixture(scope="session")
 def chromium():
     """Return a browser. There is one for all tests of a process, as Playwright runs once in each."""
-    # models are imported by the tests that use them
     from trussflow.models.viewer.still import browser, launch_options
 
     if browser() is None:

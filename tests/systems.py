@@ -20,6 +20,7 @@ from trussflow.blocks import (
     Mode,
     Output,
     Parameter,
+    PythonFunction,
     Simulator,
     State,
     repeated,
@@ -316,6 +317,14 @@ def ring(name="test", /, **blocks):
     diagram = series(name, **blocks)
     around = [*diagram.blocks.values()]
     around[-1] >> around[0]
+    return diagram
+
+
+def doubled(source):
+    """Return a diagram that doubles a source every 0.1 s in Python."""
+    double = PythonFunction(lambda u: 2 * u, 0.1, **ports(u=(), y=()))
+    diagram = series(source=source, double=double)
+    diagram.expose(y=diagram.double.y)
     return diagram
 
 

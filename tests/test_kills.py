@@ -116,8 +116,6 @@ def forked():
     pipe = subprocess.PIPE
     command = [sys.executable, "-c", KILLER, str(Path(__file__).parent)]
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as process:
-        assert process.stdin is not None
-        assert process.stdout is not None
         told, said = process.stdin, process.stdout
 
         def do(job, folder, calls, seconds):

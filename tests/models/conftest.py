@@ -23,16 +23,6 @@ def arrangement(request):
     return request.param
 
 
-@pytest.fixture
-def rng():
-    return np.random.default_rng(20260215)
-
-
-@pytest.fixture(scope="session")
-def modes():
-    return TrussModes.reconstructed()
-
-
 @pytest.fixture(scope="session")
 def published(modes):
     return TrussDynamics(

@@ -113,14 +113,13 @@ def test_optimal_on_every_backend(m, n):
     assert unreachable > PROBLEM_COUNT / 5
 
 
-def test_another_solver_agrees(evaluate):
-    random = np.random.default_rng(7)
+def test_another_solver_agrees(evaluate, rng):
     for _ in range(PROBLEM_COUNT):
-        m, n = random.integers(1, 7), random.integers(1, 10)
-        u = problem(random, m, n)
+        m, n = rng.integers(1, 7), rng.integers(1, 10)
+        u = problem(rng, m, n)
         # it takes no equal limits
         u["upper"] = np.maximum(u["upper"], u["lower"] + 1e-3)
-        weights = 10.0 ** random.uniform(-3.0, -1.0) * random.uniform(0.3, 3.0, n)
+        weights = 10.0 ** rng.uniform(-3.0, -1.0) * rng.uniform(0.3, 3.0, n)
         limits = (u["lower"], u["upper"])
         other = lsq_linear(
             *least_squares(weights, u), limits, method="bvls", tol=1e-15, max_iter=1000
@@ -225,10 +224,9 @@ def test_a_linear_model_after_a_check():
 
 
 @pytest.mark.parametrize("backend", ["numpy", "interpreted"])
-def test_effort_that_weighs_nothing_costs_no_digits(backend):
+def test_effort_that_weighs_nothing_costs_no_digits(backend, rng):
     """More demands than actuators, and squared weights 1e10 apart: plain least squares within limits."""
-    random = np.random.default_rng(2)
-    matrix, demand = random.standard_normal((5, 3)), 3.0 * random.standard_normal(5)
+    matrix, demand = rng.standard_normal((5, 3)), 3.0 * rng.standard_normal(5)
     limits = np.array([-9.0, -0.1, -9.0]), np.array([9.0, 0.1, 9.0])
     u = {
         "effectiveness": matrix,

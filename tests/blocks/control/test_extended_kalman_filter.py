@@ -69,19 +69,17 @@ def extended(settings=None, **model):
 
 
 @pytest.mark.parametrize("steps", [1, 3])
-def test_recursion_is_that_of_the_textbook(steps, follow):
-    g = np.random.default_rng(0)
-    y, u = g.normal(size=(40, 2)) * 0.1, g.normal(size=(40, 1))
+def test_recursion_is_that_of_the_textbook(steps, follow, rng):
+    y, u = rng.normal(size=(40, 2)) * 0.1, rng.normal(size=(40, 1))
     found = follow(extended(steps=steps), y, u)
     expected = by_hand(y, u, np.array([0.5, 0.0]), 0.01 * np.eye(2), steps)
     assert_near(found["estimate"], expected, 1e-10)
 
 
 @pytest.mark.parametrize("behind", [1, 3])
-def test_delay_shifts_it(behind, follow):
+def test_delay_shifts_it(behind, follow, rng):
     """Time of its functions too: it looks at the plant as it was."""
-    g = np.random.default_rng(0)
-    y, u = g.normal(size=(30, 2)) * 0.1, g.normal(size=(30, 1))
+    y, u = rng.normal(size=(30, 2)) * 0.1, rng.normal(size=(30, 1))
 
     def late(function):
         return lambda t, x, u: function(t + behind * EVERY, x, u)

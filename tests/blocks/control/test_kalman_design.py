@@ -201,10 +201,9 @@ def test_a_point_that_is_no_equilibrium_drifts(follow):
     assert_near(found["estimate"][0], [1.0, 0.0] + tangent.B[:, 0], ROUND_OFF)
 
 
-def test_extended_filter_of_a_linear_diagram_is_the_time_varying_one(follow):
+def test_extended_filter_of_a_linear_diagram_is_the_time_varying_one(follow, rng):
     """But for the error of RK4, and of Simpson's rule for the noise, both of fourth order."""
-    g = np.random.default_rng(5)
-    y, u = g.normal(size=(60, 1)), g.normal(size=(60, 1))
+    y, u = rng.normal(size=(60, 1)), rng.normal(size=(60, 1))
     settings = SETTINGS | {
         "disturbances": {"wind": GaussMarkov(0.4, 5.0)},
         "initial_covariance": 0.1,

@@ -78,8 +78,8 @@ def test_integral_sliding_variable_obeys_its_reaching_law(integral):
 
 def test_integral_law_brings_the_error_to_zero(integral):
     assert_array_equal(integral["control.sliding_variable"][0], [-0.2, -0.2])
-    assert np.abs(integral["control.error"][-1]).max() < 1e-4
-    assert np.abs(integral["control.error_rate"][-1]).max() < 1e-4
+    assert_near(integral["control.error"][-1], 0.0, 1e-4)
+    assert_near(integral["control.error_rate"][-1], 0.0, 1e-4)
     assert_array_equal(
         integral["control.feedforward"], integral["trajectory.acceleration"]
     )

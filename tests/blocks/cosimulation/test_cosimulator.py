@@ -348,8 +348,7 @@ def test_ctrl_c_keeps_the_log(stepping, monkeypatch):
     assert len(master.run(1.0)["time"]) == 17
 
 
-def test_fixed_points_of_affine_maps_need_one_round_for_each_direction():
-    rng = np.random.default_rng(1)
+def test_fixed_points_of_affine_maps_need_one_round_for_each_direction(rng):
     matrix = rng.normal(size=(6, 6)) * 2.0  # expanding: plain iteration diverges
     constant = rng.normal(size=6)
 

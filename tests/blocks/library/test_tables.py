@@ -48,19 +48,18 @@ def test_nan_stays_nan(evaluate):
     assert np.isnan(evaluate(Table([0.0, 1.0], [0.0, 1.0]), u=np.nan)["y"])
 
 
-def test_grid_is_that_of_scipy(respond):
-    random = np.random.default_rng(1)
+def test_grid_is_that_of_scipy(respond, rng):
     axes = [
         np.array([0.0, 0.5, 2.0]),
         np.array([-1.0, 1.0]),
         np.array([0.0, 1.0, 3.0, 4.0]),
     ]
-    values = random.normal(size=(3, 2, 4, 2))
+    values = rng.normal(size=(3, 2, 4, 2))
     for extrapolate in (False, True):
         exact = RegularGridInterpolator(
             axes, values, bounds_error=False, fill_value=None
         )
-        for point in random.uniform(-1.5, 4.5, (10, 3)):
+        for point in rng.uniform(-1.5, 4.5, (10, 3)):
             table = GridTable(
                 axes, values, extrapolate=extrapolate, units=["m", "s", "1"]
             )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from numpy.testing import assert_allclose
-from systems import ring, series
+from systems import assert_near, ring, series
 
 from trussflow.blocks import (
     Block,
@@ -107,7 +107,7 @@ def test_order_of_equal_steps(solver, order, numbers, backend):
         found, dense, t = end_by_equal_steps(solver, backend, number)
         errors.append(np.abs(found - exact_swing(2.0)).max())
         # The dense output is of an order one less, and no worse than ten times the error at the end.
-        assert np.abs(dense - exact_swing(t)).max() < 10.0 * errors[-1]
+        assert_near(dense, exact_swing(t), 10.0 * errors[-1])
     slope = np.log(errors[0] / errors[1]) / np.log(numbers[1] / numbers[0])
     assert slope == pytest.approx(order, abs=ORDER_TOLERANCE)
 
@@ -144,7 +144,7 @@ def test_events_are_located_exactly(solver, backend):
     exact = 1.5 * np.pi - np.arctan2(1.0, 0.5) + 2.0 * np.pi * np.arange(3)
     found = np.unique(result["swing.time"].values)[1:]
     tolerance = TIME_TOLERANCE if backend != "numpy" else 1e-8
-    assert_allclose(found, exact, rtol=0, atol=tolerance)
+    assert_near(found, exact, tolerance)
 
 
 def stiff(t, x):
@@ -166,14 +166,14 @@ def test_compiled_steps_are_those_in_python(solver):
         for backend in BACKENDS[:2]
     ]
     assert first.attrs["steps"] > 10
-    assert_allclose(first["block.y"][:, 0], np.sin(first.time), rtol=0, atol=1e-4)
+    assert_near(first["block.y"][:, 0], np.sin(first.time), 1e-4)
     for other in others:
         for name in ("steps", "rejected_steps", "evaluations", "factorizations"):
             # Round-off may change the last decimal of a step.
             assert other.attrs[name] == pytest.approx(
                 first.attrs[name], abs=3, rel=0.01
             )
-        assert_allclose(other["block.y"], first["block.y"], rtol=0, atol=1e-5)
+        assert_near(other["block.y"], first["block.y"], 1e-5)
 
 
 def test_automatic_choice_says_what_it_did():
@@ -239,7 +239,7 @@ def test_random_sparse_matrices_are_factorized(size):
         diagram_of(rates, np.ones(size)), 1.0, solver="Rodas5P", backend="compiled"
     )
     exact = scipy.linalg.expm(matrix) @ np.ones(size)
-    assert_allclose(result["block.y"][-1], exact, rtol=0, atol=1e-7)
+    assert_near(result["block.y"][-1], exact, 1e-7)
 
 
 def test_rows_without_derivatives():
@@ -275,7 +275,7 @@ def test_sparse_jacobian_is_exact():
         found[group.rows, group.places] = slope[group.rows]
     by_state = program.jacobian(1)(t, x, [], []).full()
     by_time = program.jacobian(0)(t, x, [], []).full()
-    assert_allclose(found, np.hstack([by_state, by_time]), rtol=0, atol=ROUND_OFF)
+    assert_near(found, np.hstack([by_state, by_time]), ROUND_OFF)
 
 
 SMALL_STACK = """
@@ -312,7 +312,7 @@ def test_large_diffusion_needs_few_evaluations():
     diagram = diagram_of(rates, mode)
     result = simulate(diagram, 1.0, solver="Rodas5P", log_step=1.0, rtol=1e-6)
     decay = np.exp(-2.0 * rate * (1.0 - np.cos(np.pi / (n + 1))))
-    assert_allclose(result["block.y"][-1], decay * mode, rtol=0, atol=1e-6)
+    assert_near(result["block.y"][-1], decay * mode, 1e-6)
     assert result.attrs["evaluations"] < 1000
 
 
@@ -326,7 +326,7 @@ def test_rows_of_a_small_memory(solver, monkeypatch):
         block=Integrator([0.0, 1.0]),
     )
     result = simulate(diagram, 5.0, solver=solver, log_step=0.01)
-    assert_allclose(result["block.y"][:, 0], np.sin(result.time), rtol=0, atol=1e-6)
+    assert_near(result["block.y"][:, 0], np.sin(result.time), 1e-6)
 
 
 @pytest.mark.parametrize(

@@ -144,17 +144,16 @@ def test_indefinite_numbers_are_refused():
 
 
 @pytest.mark.parametrize("groups", [1, 3, 4])
-def test_weighted_gramian_equals_numpy(groups):
+def test_weighted_gramian_equals_numpy(groups, rng):
     """Blocks of columns over shared rows and own ones, single entries beside them, and a zero."""
-    generator = np.random.default_rng(4)
     filled = np.zeros((3 + 4 * groups, 6 * groups + 4 * groups), dtype=bool)
     for g in range(groups):
         rows = [0, 1, 2, *range(3 + 4 * g, 7 + 4 * g)]
         filled[np.ix_(rows, range(6 * g, 6 * g + 6))] = True
     filled[3:, 6 * groups :] = np.eye(4 * groups, dtype=bool)
     filled[:, -1] = False  # an actuator that does nothing
-    matrix = np.where(filled, generator.standard_normal(filled.shape), 0.0)
-    weights = generator.uniform(0.5, 2.0, filled.shape[1])
+    matrix = np.where(filled, rng.standard_normal(filled.shape), 0.0)
+    weights = rng.uniform(0.5, 2.0, filled.shape[1])
     entries, w = symbol("a", (filled.sum(),)), symbol("w", weights.shape)
     numbers = iter(range(filled.sum()))
     rows_of_symbols = [

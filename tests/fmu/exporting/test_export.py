@@ -8,7 +8,7 @@ from importlib.util import find_spec
 import pytest
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
-from systems import ports, series
+from systems import doubled, series
 
 from trussflow.blocks import Constant, Diagram, Integrator, PythonFunction, Session
 from trussflow.blocks.tracing import compiler
@@ -31,12 +31,7 @@ def test_files_are_reproducible_without_headers_and_absolute_paths(systems, tmp_
 
 
 def python_diagram():
-    diagram = Diagram("mixed")
-    double = PythonFunction(lambda u: 2 * u, 0.1, **ports(u=(), y=()))
-    one, double = diagram.add(one=Constant(1.0), double=double)
-    one >> double
-    diagram.expose(y=double.y)
-    return diagram
+    return doubled(Constant(1.0))
 
 
 @pytest.mark.parametrize(

@@ -40,7 +40,6 @@ class Compiled:
 
     def __init__(self, source, *flags):
         library, compiler = source.with_suffix(".so"), find_compiler()
-        assert compiler is not None
         command = [
             *compiler,
             *STRICT,

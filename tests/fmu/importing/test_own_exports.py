@@ -213,8 +213,8 @@ def test_solved_loops(version, exported, systems):
         models.append(linearize(loop, loop.error.u1, loop.f.y))
         runs.append(simulate(loop, 1.0, step=0.01)["f.y"])
     for matrix in "ABCD":
-        assert_allclose(*(getattr(m, matrix) for m in models), rtol=0, atol=ROUND_OFF)
-    assert_allclose(*runs, rtol=0, atol=ROUND_OFF)
+        assert_near(*(getattr(m, matrix) for m in models), ROUND_OFF)
+    assert_near(*runs, ROUND_OFF)
 
 
 def test_open_inputs_may_keep_declared_start_values(exported, systems):
@@ -237,4 +237,4 @@ def test_open_inputs_may_keep_declared_start_values(exported, systems):
                 simulate(theirs, 1.0, step=0.01)
         else:
             runs.append(simulate(theirs, 1.0, step=0.01)["f.position"])
-    assert_allclose(*runs, rtol=0, atol=ROUND_OFF)
+    assert_near(*runs, ROUND_OFF)

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from systems import ports, series
 from trussflow.blocks import Constant, Diagram, PythonFunction, Step, simulate
 from trussflow.fmu import Fmu, FmuError
 from trussflow.fmu.runtime.description import INTEGER_TYPES, FmuVariable
-from trussflow.fmu.runtime.library import Library
 from trussflow.fmu.runtime.library3 import Library3
 from trussflow.fmu.runtime.variable_buffers import VariableBuffers
 
@@ -62,7 +60,7 @@ def test_no_number_is_bent_to_fit_a_type(kind, value):
     library = SimpleNamespace(
         accessors=Library3.accessors, description=SimpleNamespace(name="f")
     )
-    bank = VariableBuffers([variable], cast("Library", library), writes=True)
+    bank = VariableBuffers([variable], library, writes=True)
     sent = []
     (part,) = bank._parts
     part.call = lambda: sent.append(part.buffer[0].item())

@@ -196,7 +196,7 @@ def test_grasp_displacement_is_where_the_hands_are(modes, consistent, random_sta
     q[:6] = 0.0
     hands = np.real([origin for _, origin, _, k in frames(consistent, q) if k == 0])
     error = modes.grasp_positions + consistent.grasp_displacement(q) - hands
-    assert np.max(np.abs(error)) < ROUND_OFF
+    assert_near(error, 0.0, ROUND_OFF)
 
 
 def test_base_frames_are_where_the_chain_leads(consistent, random_state):

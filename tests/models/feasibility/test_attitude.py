@@ -51,7 +51,7 @@ def test_known_directions():
 
 
 @pytest.mark.parametrize("normal", [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-def test_no_direction_is_better(normal):
+def test_no_direction_is_better(normal, rng):
     """The duration said is that of the path, failure by failure; in 30 other directions it is more."""
     best = best_attitude(DYNAMICS, ALONG_Z, LIMITS, BASES, normal=normal)
     assert abs(best.direction @ normal) < EXACT
@@ -60,10 +60,9 @@ def test_no_direction_is_better(normal):
         DYNAMICS, ALONG_Z, LIMITS, BASES, normal=normal, directions=1
     )
     assert climbed.least_duration == pytest.approx(best.least_duration, rel=EXACT)
-    random = np.random.default_rng(1)
     for size in (0.01, 0.1, 10.0):
         for _ in range(10):
-            other = best.direction + size * random.standard_normal(3)
+            other = best.direction + size * rng.standard_normal(3)
             assert worst(
                 other - (other @ normal) * np.array(normal)
             ) > best.least_duration * (1.0 - EXACT)
@@ -81,13 +80,12 @@ def test_every_single_failure_is_survived():
     )
 
 
-def test_attitude_along_a_direction():
-    random = np.random.default_rng(2)
+def test_attitude_along_a_direction(rng):
     for _ in range(20):
         own, way, spin = (
-            random.standard_normal(3),
-            random.standard_normal(3),
-            random.uniform(-3.0, 3.0),
+            rng.standard_normal(3),
+            rng.standard_normal(3),
+            rng.uniform(-3.0, 3.0),
         )
         turned, spun = (
             euler_rotation(attitude_along(own, way, spin=each)) for each in (0.0, spin)

@@ -128,7 +128,6 @@ def test_least_duration_by_the_dual(failure):
             b_ub=np.append(np.zeros(2 * n), 1.0),
             bounds=[(None, None)] * m + [(0.0, None)] * n,
         )
-        assert result.fun is not None
         shares.append(-result.fun)
     found = survey(DYNAMICS, TURNING, LIMITS, [failure], instants=13)[0]
     assert found.least_duration == pytest.approx(60.0 * np.sqrt(max(shares)), rel=EXACT)

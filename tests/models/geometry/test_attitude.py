@@ -15,7 +15,7 @@ ROUND_OFF = 1e-14  # some ten operations on numbers of order 1
 
 def attitude():
     found = RNG.standard_normal(4)
-    return np.asarray(found / np.linalg.norm(found))
+    return found / np.linalg.norm(found)
 
 
 def scipy_of(a):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from systems import simulate_block
+from systems import assert_near, simulate_block
 
 from trussflow.blocks import Constant
 from trussflow.models import Hardware, SpaceTruss
@@ -28,7 +28,7 @@ def test_noise_is_a_small_turn_about_each_axis(attitude):
     true = Rotation.from_quat(np.roll(attitude, -1))
     errors = (true.inv() * Rotation.from_quat(np.roll(numbers, -1, axis=1))).as_rotvec()
     covariance = np.cov(errors.T) / NOISE**2
-    assert np.abs(covariance - np.eye(3)).max() < 2.0 * SCATTER
+    assert_near(covariance, np.eye(3), 2.0 * SCATTER)
     assert np.abs(errors.mean(axis=0)).max() < 4.0 * NOISE / np.sqrt(SAMPLES)
     assert (
         np.abs(run["block.task_velocity"].values[1:, 3:6] - speeds[3:6]).max()

@@ -64,9 +64,8 @@ def test_no_other_torques_of_a_part_stand_out_more(rng):
     """Of those that leave the root alone, and are as large."""
     probe, drives = probed()[0], np.flatnonzero(PARTS[5])
     still = np.linalg.svd(RESPONSE[:6, drives])[2][3:].T
-    assert (
-        np.abs(RESPONSE[:6, drives] @ still).max()
-        < 1e-9 * np.abs(RESPONSE[:6, drives]).max()
+    assert_near(
+        RESPONSE[:6, drives] @ still, 0.0, 1e-9 * np.abs(RESPONSE[:6, drives]).max()
     )
     for ways in rng.standard_normal((20, still.shape[1])):
         other = still @ ways

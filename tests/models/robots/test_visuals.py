@@ -53,7 +53,7 @@ def test_shapes_have_their_volume(tmp_path, geometry, expected, share):
 
 def corners(size):
     """Return the three corners of each triangle of a box."""
-    return np.asarray((BOX_CORNERS * size)[BOX_FACES])
+    return (BOX_CORNERS * size)[BOX_FACES]
 
 
 def stl(triangles):

@@ -210,7 +210,6 @@ def test_interrupt_keeps_what_was_logged(tmp_path):
         stderr=subprocess.PIPE,
         text=True,
     )
-    assert process.stderr is not None
     while "real time" not in process.stderr.read(1) + process.stderr.readline():
         assert process.poll() is None
     time.sleep(0.5)

@@ -101,7 +101,7 @@ def frequencies(matrices):
     )
     roots = 1.0 / np.sqrt(np.diagonal(mass)[heavy])
     found = np.sort(np.linalg.eigvalsh(held * np.outer(roots, roots)))
-    return np.asarray(np.sqrt(found[6:]) / (2.0 * np.pi))
+    return np.sqrt(found[6:]) / (2.0 * np.pi)
 
 
 @pytest.mark.parametrize("kind", ["mtx", "npz"])
@@ -111,7 +111,6 @@ def test_matrices_of_another_program_are_a_mission(tmp_path, kind, matrices):
     assert modes.masses.sum() == pytest.approx(sum(MASSES), rel=1e-12)
     assert_allclose(modes.frequencies, frequencies(matrices)[:6], rtol=1e-9)
     assert_near(modes.grasp_positions, POSITIONS[[0, 2]], 1e-12)
-    assert flown.rods is not None
     assert len(flown.rods) == len(ENDS)
 
 

@@ -45,7 +45,6 @@ def test_a_new_mission_is_read_and_wired(tmp_path):
     )
     assert flown.mission.attitude[2] == pytest.approx(np.deg2rad(10.0), rel=1e-15)
     assert flown.mission.duration == pytest.approx(36.0, rel=1e-15)
-    assert flown.hardware is not None
     assert flown.hardware.limits(flown.truss)[:6] == pytest.approx(
         [4.0] * 3 + [0.3] * 3, rel=1e-12
     )

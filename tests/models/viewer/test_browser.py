@@ -151,7 +151,7 @@ def test_positions_of_any_truss(opened, random_system, make_run, tmp_path, attit
 def pixels(page, selector="#picture"):
     """Return a picture of a part of the page, colours from 0 to 255."""
     raw = page.locator(selector).screenshot()
-    return np.asarray(imread(io.BytesIO(raw), format="png")[..., :3] * 255.0)
+    return imread(io.BytesIO(raw), format="png")[..., :3] * 255.0
 
 
 def changes(first, second, least=40.0):

@@ -218,9 +218,8 @@ def test_dense_logs_are_thinned_to_instants_that_were_logged(
 
 
 @pytest.mark.parametrize("others", [0, 1])
-def test_long_runs_with_all_signals_fit(truss, make_run, content, others):
+def test_long_runs_with_all_signals_fit(truss, make_run, content, others, rng):
     """80 s at 50 instants a second, 350 signals; of two such runs charts show fewer instants."""
-    rng = np.random.default_rng(8)
     run = make_run(truss, duration=80.0)
     for k in range(8):
         run[f"more_{k}"] = (

@@ -17,7 +17,7 @@ def momentum_coefficients(modes):
     """Return P_t above H_t, as the equations of motion use them."""
     still = np.zeros(3)
     terms = truss_terms(modes.data, np.ones(1), still, still, np.zeros(modes.modes))
-    return np.asarray(terms.coupling)
+    return terms.coupling
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

@@ -65,17 +65,13 @@ def test_kernel_and_mass_matrix(version, exported, instance):
 
 
 @pytest.mark.campaign
-def test_plant(plant, plant_fmu, instance):
+def test_plant(plant, plant_fmu, instance, rng):
     """Accelerations are solved for with a mass matrix of condition number 1e8.
 
     CasADi's own Jacobians, made in three ways, differ by up to 4e-12 of the largest entry.
     """
     interface = ExportInterface.of(plant)
-    generator = np.random.default_rng(3)
-    q, u = (
-        generator.uniform(-0.5, 0.5, plant.n),
-        generator.uniform(-1, 1, plant.actuators),
-    )
+    q, u = (rng.uniform(-0.5, 0.5, plant.n), rng.uniform(-1, 1, plant.actuators))
     expected = jacobians(interface, np.concatenate([q, np.zeros(plant.n)]), u)
     one = instance(plant_fmu).start({"actuation": u, "initial_coordinates": q})
     check(one, interface, expected, 1e-11)

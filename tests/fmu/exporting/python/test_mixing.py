@@ -52,8 +52,6 @@ def plants(tmp_path, export, monkeypatch):
                 spec = importlib.util.spec_from_file_location(
                     name, folder / f"{name}.py"
                 )
-                assert spec is not None
-                assert spec.loader is not None
                 module = importlib.util.module_from_spec(spec)
                 monkeypatch.setitem(sys.modules, name, module)
                 spec.loader.exec_module(module)
