@@ -5,12 +5,15 @@ from pathlib import Path
 
 import pytest
 
+from trussflow import blocks
+from trussflow.blocks import errors
+
 ENTRY = re.compile(r"^>>> (.+)\n(\w+): (.+)$", re.MULTILINE)
 
 
 def over_calls(file):
-    """Return the parametrization of a test over the calls in a text file."""
-    text = Path(file).read_text(encoding="utf-8")
+    """Return the parametrization of a test over the calls in the text file beside its file."""
+    text = Path(file).with_suffix(".txt").read_text(encoding="utf-8")
     entries = ENTRY.findall(text)
     assert len(entries) == text.count(">>> ")
     return pytest.mark.parametrize(
@@ -19,6 +22,7 @@ def over_calls(file):
 
 
 def check_refused(call, error, message, names):
-    """Check the error of a call, whose names are given."""
+    """Check the error of a call, which may use these names and those of the blocks."""
+    names = vars(blocks) | vars(errors) | names
     with pytest.raises(eval(error, names), match=re.compile(message, re.DOTALL)):
         eval(call, names)

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from systems import series
+from systems import simulate_block
 
-from trussflow.blocks import Block, Constant, Signals, simulate
+from trussflow.blocks import Block, Constant, Signals
 
 
 @pytest.fixture(params=["numpy", "interpreted", "compiled"])
@@ -44,12 +44,12 @@ def respond():
     """Simulate one block, its inputs driven by constants or by sources."""
 
     def response(block, duration, settings=None, **inputs):
-        diagram = series(block=block)
-        for name, value in inputs.items():
-            source = value if isinstance(value, Block) else Constant(value)
-            diagram.connect(
-                diagram.add(**{f"{name}_source": source}).y, block.port(name)
-            )
-        return simulate(diagram, duration, **{"step": 0.01, **(settings or {})})
+        sources = {
+            name: value if isinstance(value, Block) else Constant(value)
+            for name, value in inputs.items()
+        }
+        return simulate_block(
+            block, duration, sources, **{"step": 0.01, **(settings or {})}
+        )
 
     return response

@@ -7,6 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
+from refused import check_refused, over_calls
 from systems import assert_near, ports, series
 
 from trussflow.blocks import (
@@ -14,7 +15,6 @@ from trussflow.blocks import (
     Constant,
     Diagram,
     Event,
-    Gain,
     Input,
     Integrator,
     LimitedIntegrator,
@@ -33,7 +33,6 @@ from trussflow.blocks import (
     linearize,
     simulate,
 )
-from trussflow.blocks.errors import DiagramError
 
 TOLERANCE = 1e-9  # round-off, and times located to round-off
 
@@ -193,30 +192,6 @@ def within(group):
     return series("around", inner=group)
 
 
-@pytest.mark.parametrize(
-    "make, message",
-    [
-        (
-            lambda: enabled(python()),
-            r"cannot put 'function' \(PythonFunction\) into a group: it is a P",
-        ),
-        (
-            lambda: enabled(enabled(timer())),
-            "cannot make a group of .*: it has a port 'enable' already",
-        ),
-        (
-            lambda: enabled(within(enabled(timer()))),
-            "cannot put 'inner.count' into a group: it is in one",
-        ),
-        (lambda: enabled(Gain(1.0)), "it is no Diagram"),
-        (
-            lambda: enabled(noise(), states="reset"),
-            r"cannot reset 'noise' \(Noise\): .* use states='held'",
-        ),
-        (lambda: enabled(timer(), states="kept"), "states of a group"),
-        (lambda: enabled(timer(), outputs="kept"), "outputs of a group"),
-    ],
-)
-def test_diagrams_that_cannot_be_groups(make, message):
-    with pytest.raises(DiagramError, match=message):
-        make()
+@over_calls(__file__)
+def test_diagrams_that_cannot_be_groups(call, error, message):
+    check_refused(call, error, message, globals())

@@ -16,6 +16,7 @@ import control
 import numpy as np
 import pytest
 from nonsense import NONSENSE
+from refused import check_refused, over_calls
 from systems import series
 
 import trussflow.blocks as library
@@ -36,7 +37,6 @@ from trussflow.blocks import (
     delay_margin,
     estimated_response,
     frequency_response,
-    linearize,
     simulate,
     trim,
 )
@@ -254,57 +254,6 @@ def test_names_of_blocks_are_not_taken(name):
     assert vars(Named("size"))["size"] == 5
 
 
-@pytest.mark.parametrize(
-    "call, message",
-    [
-        (
-            lambda: adaptive(rtol=1e30),
-            r"rtol = 1e\+30 must be at least 2\.2e-14 \(round-off\) and below 1",
-        ),
-        (lambda: adaptive(rtol=1e-30), r"rtol = 1e-30 must be at least"),
-        (
-            lambda: adaptive(progress="no"),
-            r"a run needs progress=True or progress=False, not 'no'",
-        ),
-        (
-            lambda: coupled().run(0.1, progress=FIVE),
-            r"a run needs progress=True or progress=False, not 5",
-        ),
-        (lambda: coupled(members=5), r"members = 5 must be a list: members=\[5\]"),
-        (
-            lambda: coupled(tolerance=0.1, largest_step=0.05),
-            r"largest_step = 0\.05 must be at least step =",
-        ),
-        (
-            lambda: delay_margin(LAG, omega=[]),
-            r"omega = \[\] must be a list of 2 or more frequencies",
-        ),
-        (
-            lambda: delay_margin(LAG, omega=[-1.0, 1.0]),
-            r"omega = -1\.0 must be a positive",
-        ),
-        (
-            lambda: delay_margin(LAG, omega=np.ones((1, 2))),
-            r"omega = array\(\[\[.* must be a list",
-        ),
-        (
-            lambda: delay_margin(5),
-            r"the loop must be a continuous model, a control\.StateSpace, not 5",
-        ),
-        (
-            lambda: linearize(Integrator(), at=FIVE),
-            r"must be an OperatingPoint\(states=.*, not 5",
-        ),
-        (
-            lambda: OperatingPoint(time=np.nan),
-            r"the time of an operating point is not finite: nan",
-        ),
-        (
-            lambda: save(FIVE, "a" * 300),
-            r"give the path of a file as text, not too long",
-        ),
-    ],
-)
-def test_what_was_taken_in_silence_or_refused_by_others(call, message):
-    with pytest.raises(TrussflowError, match=message):
-        call()
+@over_calls(__file__)
+def test_what_was_taken_in_silence_or_refused_by_others(call, error, message):
+    check_refused(call, error, message, globals())

@@ -1,13 +1,10 @@
 """Values that blocks refuse when they are made, and the messages of these errors."""
 
-from pathlib import Path
-
 import control
 import numpy as np
 import pytest
 from refused import check_refused, over_calls
 
-from trussflow import blocks
 from trussflow.blocks import (
     ConventionalSlidingMode,
     Input,

@@ -108,7 +108,6 @@ def test_jumps_of_a_sampled_block_are_delayed(settings):
 def test_jumps_at_events_are_delayed(settings):
     """A relay in a delayed loop makes a triangle, as high as its threshold and the delay."""
     d = ring(
-        "relay",
         x=Integrator(),
         relay=Relay(0.5, -0.5, on=-1.0, off=1.0),
         late=TransportDelay(0.25),

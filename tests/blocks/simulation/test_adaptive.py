@@ -61,9 +61,7 @@ def linear(matrix):
 
 def integral_of(function, breakpoints=()):
     return series(
-        "integral",
-        source=TimeFunction(function, breakpoints=breakpoints),
-        block=Integrator(),
+        source=TimeFunction(function, breakpoints=breakpoints), block=Integrator()
     )
 
 

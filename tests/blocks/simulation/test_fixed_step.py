@@ -16,7 +16,7 @@ from trussflow.blocks.simulation.solver import FIXED_STEP
 def test_a_step_is_the_one_of_its_formula(solver, backend):
     """Also in C, where solvers have numbers: one step after the other, of an oscillator."""
     A, h = np.array([[0.0, 1.0], [-4.0, -0.5]]), 0.3
-    diagram = series("oscillator", plant=StateSpace(A, np.zeros((2, 0)), np.eye(2)))
+    diagram = series(plant=StateSpace(A, np.zeros((2, 0)), np.eye(2)))
     found = simulate(
         diagram,
         3 * h,

@@ -72,7 +72,7 @@ class Alarm(Block):
 
 
 def test_modes_that_become_infinite_are_logged():
-    diagram = series("clock", alarm=Alarm())
+    diagram = series(alarm=Alarm())
     result = simulate(
         diagram, 1.0, **SETTINGS, log=["alarm.following"], not_finite="stop"
     )

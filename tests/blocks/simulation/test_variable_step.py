@@ -321,9 +321,7 @@ def test_rows_of_a_small_memory(solver, monkeypatch):
     """Rows that do not fit into the memory of one call are written by the next ones."""
     monkeypatch.setattr("trussflow.blocks.simulation.run.CHUNK_NUMBERS", 6)
     diagram = ring(
-        "linear",
-        rate=MatrixGain([[0.0, 1.0], [-1.0, 0.0]]),
-        block=Integrator([0.0, 1.0]),
+        rate=MatrixGain([[0.0, 1.0], [-1.0, 0.0]]), block=Integrator([0.0, 1.0])
     )
     result = simulate(diagram, 5.0, solver=solver, log_step=0.01)
     assert_near(result["block.y"][:, 0], np.sin(result.time), 1e-6)

@@ -58,7 +58,7 @@ def check_native(case, version, exported):
     path = exported_case(case, version, exported)
     importer = series("co-simulation", fmu=Fmu(path, kind="cs", step=0.1))
     case.run("rk4", importer, step=0.1)
-    importer = series("model exchange", fmu=Fmu(path, kind="me"))
+    importer = series(fmu=Fmu(path, kind="me"))
     for solver in ("rk4", "DOP853"):
         case.run(solver, importer)
 

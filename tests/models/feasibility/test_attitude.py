@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from refused import check_refused, over_calls
 from scipy.spatial.transform import Rotation
 from systems import assert_near
 
+from trussflow import models
 from trussflow.blocks import Quintic, simulate
-from trussflow.models import Hardware, ModelError, SpaceTruss
+from trussflow.models import Hardware, SpaceTruss
 from trussflow.models.feasibility import (
     ActuatorFailure,
     attitude_along,
@@ -103,30 +105,9 @@ def test_attitude_along_a_direction(rng):
 ALONE = [ActuatorFailure(name="alone", health=np.eye(DYNAMICS.actuators)[0])]
 
 
-@pytest.mark.parametrize(
-    "build, message",
-    [
-        (
-            lambda: best_attitude(DYNAMICS, path_of(Mission.of_case(2), TRUSS), LIMITS),
-            "the path must move the truss, without rotation",
-        ),
-        (
-            lambda: best_attitude(DYNAMICS, ALONG_Z, LIMITS, ALONE, directions=2),
-            "no direction is feasible after each of the failures",
-        ),
-        (
-            lambda: attitude_along([0, 0, 0], [0, 0, 6]),
-            "direction and displacement must not be zero",
-        ),
-        (
-            lambda: attitude_along([0, 1, 0], [0, 0, 6]),
-            "the Euler angles of the attitude are singular",
-        ),
-    ],
-)
-def test_bad_input(build, message):
-    with pytest.raises(ModelError, match=message):
-        build()
+@over_calls(__file__)
+def test_bad_input(call, error, message):
+    check_refused(call, error, message, vars(models) | globals())
 
 
 def test_everything_starts_where_the_truss_does():

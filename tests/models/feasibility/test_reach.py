@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from refused import check_refused, over_calls
 from scipy.optimize import linprog
 from systems import actuator_limits, assert_near
 
+from trussflow import models
 from trussflow.blocks import Quintic
 from trussflow.blocks.control.trajectory import PEAK_ACCELERATION
-from trussflow.models import Hardware, ModelError, SpaceTruss
+from trussflow.models import Hardware, SpaceTruss
 from trussflow.models.feasibility import (
     ActuatorFailure,
     shares_left,
@@ -183,52 +185,9 @@ NO_ACTUATOR = actuator_limits(DYNAMICS, force=0.0, base_torque=0.0, joint_torque
 OVER = Quintic(np.pi * np.eye(34)[3], 60.0, start=DYNAMICS.rest)
 
 
-@pytest.mark.parametrize(
-    "build, message",
-    [
-        (
-            lambda: ActuatorFailure.of(DYNAMICS, 5),
-            "no robot 5; choose from: 1, 2, 3, 4",
-        ),
-        (
-            lambda: ActuatorFailure.of(DYNAMICS, 1, axes=["z"]),
-            "no axis of a base 'z'; choose from: force x",
-        ),
-        (
-            lambda: ActuatorFailure.of(DYNAMICS, 1, joints="stiff"),
-            "no state of joints 'stiff'; choose from: working, limp",
-        ),
-        (
-            lambda: survey(DYNAMICS, ALONG_Z, NO_ACTUATOR),
-            "healthy: no actuator is left; raise its limit",
-        ),
-        (
-            lambda: checked(
-                ALONG_Z, LIMITS, ActuatorFailure(name="two", health=np.ones(2))
-            ),
-            "two: health must be 52 numbers from 0 on",
-        ),
-        (
-            lambda: survey(DYNAMICS, Quintic([1.0, 2.0, 3.0], 60.0), LIMITS),
-            r"cannot check a path of shape \(3,\)",
-        ),
-        (
-            lambda: survey(DYNAMICS, Quintic(np.zeros(34), 60.0), LIMITS),
-            "cannot check a path",
-        ),
-        (
-            lambda: survey(DYNAMICS, OVER, LIMITS),
-            "at 30 s the path comes to φ = 90°, where the Euler angles are",
-        ),
-        (
-            lambda: shares_left(DYNAMICS, ALONG_Z, LIMITS, reserve=1.0),
-            r"reserve is 1\.0; it must be at least 0",
-        ),
-    ],
-)
-def test_bad_input(build, message):
-    with pytest.raises(ModelError, match=message):
-        build()
+@over_calls(__file__)
+def test_bad_input(call, error, message):
+    check_refused(call, error, message, vars(models) | globals())
 
 
 def test_shares_left():

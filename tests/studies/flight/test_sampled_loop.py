@@ -18,7 +18,6 @@ H = 0.1
 def loop_diagram():
     """Return an unstable plant of two states and commands, and a sampled controller of two states."""
     diagram = ring(
-        "sampled",
         plant=StateSpace(
             [[0.0, 1.0], [1.5, -0.1]], [[0.0, 0.2], [1.0, 0.5]], np.eye(2)
         ),

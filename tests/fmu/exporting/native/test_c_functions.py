@@ -5,15 +5,9 @@ import subprocess
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from systems import simulate_block
 
-from trussflow.blocks import (
-    BoundedAllocation,
-    Constant,
-    Diagram,
-    RateBoundedAllocation,
-    Sine,
-    simulate,
-)
+from trussflow.blocks import BoundedAllocation, Constant, RateBoundedAllocation, Sine
 from trussflow.fmu import ExportError, Fmu, export
 
 RANDOM = np.random.default_rng(4)
@@ -34,14 +28,9 @@ def rate_bounded():
 
 def commands(block):
     """Return the commands over 3 s."""
-    diagram = Diagram("test")
-    diagram.add(block=block, demand_source=Sine(AMPLITUDE, 1.0))
-    diagram.demand_source >> block.demand
-    for name, value in INPUTS.items():
-        diagram.connect(
-            diagram.add(**{f"{name}_source": Constant(value)}).y, block.port(name)
-        )
-    result = simulate(diagram, 3.0, step=0.05, backend="compiled")
+    sources = {name: Constant(value) for name, value in INPUTS.items()}
+    sources["demand"] = Sine(AMPLITUDE, 1.0)
+    result = simulate_block(block, 3.0, sources, step=0.05, backend="compiled")
     return result["block.command"].values
 
 
