@@ -263,15 +263,18 @@ def jacobian(function, x):
     )
 
 
+def by_default(backend):
+    """Return the context in which this backend is that of runs which name none."""
+    return mock.patch.dict(Solver.__init__.__kwdefaults__, backend=backend)
+
+
 def interpreted(request):
     """Interpret equations in ordinary tests of a module, whose runs are too short to pay for the C compiler.
 
     Folders make an automatic fixture of it. The campaign compiles.
     """
-    backend = (
-        "interpreted" if request.config.option.markexpr == "not campaign" else "auto"
-    )
-    with mock.patch.dict(Solver.__init__.__kwdefaults__, backend=backend):
+    ordinary = request.config.option.markexpr == "not campaign"
+    with by_default("interpreted" if ordinary else "auto"):
         yield
 
 
