@@ -4,7 +4,7 @@
 # Tests with another Python: make test PYTHON=python3.13 VENV=.venv-3.13 EXTRA=test
 
 PYTHON ?= python3
-WORKERS ?= 2
+WORKERS ?= 3
 CAMPAIGN ?= 1
 
 VENV ?= .venv
