@@ -22,9 +22,9 @@ ONE_WORD = re.compile(r"[A-Z]{2,}$")
 # Breaches of the rules left in each package. Lower a number when you mend one; never raise it.
 EXCEPTIONS = {
     "tests": 4,
-    "tests/benchmarks": 24,
+    "tests/benchmarks": 20,
     "tests/blocks": 58,
-    "tests/models": 65,
+    "tests/models": 64,
     "tests/studies": 2,
 }
 
