@@ -1,15 +1,13 @@
 """Planted faults: each of these small faults in the code must fail an ordinary test.
 
-A fault is one replacement in one file, and stands in ``planted_faults.toml``. Its test copies the packages,
-writes the fault into the copy and runs the named tests against it. If these tests pass, the suite has a gap.
+A fault is one replacement in one file. Its test copies the packages, writes the fault into the copy and runs
+the named tests against it. If these tests pass, the suite has a gap.
 """
 
 import os
 import shutil
 import subprocess
 import sys
-import tomllib
-from pathlib import Path
 from typing import NamedTuple
 
 import campaign

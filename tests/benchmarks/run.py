@@ -24,7 +24,6 @@ import numpy as np
 import pinocchio as pin
 import pinocchio_tree
 import small_sweep
-import spark_engine
 from fmu_import_speed import imported_fmu
 from fmu_speed import exporting, native_fmu
 from hybrid_models import HYBRIDS, by_hand

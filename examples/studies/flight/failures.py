@@ -149,8 +149,9 @@ def with_failures(
 def failure_metrics(run: xr.Dataset) -> dict[str, float]:
     """Return the `FAILURE_METRICS` of a run.
 
-    Joints with failed drives do not count. Drives are isolated if their arm is held. The detection delay is that of the part that is isolated last,
-    infinite if one is never isolated. All arms must have the same number of joints.
+    Joints with failed drives do not count. Drives are isolated if their arm is held. The detection delay is that
+    of the part that is isolated last, infinite if one is never isolated. All arms must have the same number of
+    joints.
     """
     parameters = json.loads(run.attrs["parameters"])
     bases, drives = (

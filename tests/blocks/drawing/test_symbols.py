@@ -220,7 +220,7 @@ def test_curve_of_a_table_and_no_caption_without_limits():
 
 
 @pytest.mark.parametrize(
-    ("rising", "falling"), [(Step(), Step(final_value=-1.0)), (Relay(), Relay(on=-1.0))]
+    "rising, falling", [(Step(), Step(final_value=-1.0)), (Relay(), Relay(on=-1.0))]
 )
 def test_curve_falls_with_its_values(rising, falling):
     """The curves are mirror images, so their heights add up to 24 px."""

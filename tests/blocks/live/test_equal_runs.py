@@ -111,7 +111,7 @@ def delays():
     return diagram, ["heat.y", "later.y"], ("relay.on", -2.0)
 
 
-class Settled(Block):
+class Settled(Level):
     """A lag that starts where its input is, and an initial state from a parameter."""
 
     z = State(initial="start")

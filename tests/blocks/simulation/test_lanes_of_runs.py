@@ -377,7 +377,7 @@ def switched(block):
 
 
 @pytest.mark.parametrize(
-    ("diagram", "settings", "count"),
+    "diagram, settings, count",
     [
         (functions(), {"solver": "RK45"}, 0),
         (functions(), {"step": STEP, "backend": "interpreted"}, 0),

@@ -40,7 +40,8 @@ def keep(run):
     return float(run["x.y"][-1])
 
 gains = [-k / 100 for k in range(1, 101)]
-found = sweep(diagram, 1.0, vary={"back.gain": gains}, keep={"end": keep}, step=0.1, path="kept", workers=int(sys.argv[1]))
+settings = {"step": 0.1, "path": "kept", "workers": int(sys.argv[1])}
+found = sweep(diagram, 1.0, vary={"back.gain": gains}, keep={"end": keep}, **settings)
 found.to_netcdf("found.nc")
 """
 """A sweep of 100 samples, which write down themselves that they ran."""

@@ -10,7 +10,7 @@ from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 from systems import doubled, series
 
-from trussflow.blocks import Constant, Diagram, Integrator, PythonFunction, Session
+from trussflow.blocks import Constant, Integrator, Session
 from trussflow.blocks.tracing import compiler
 from trussflow.fmu import ExportError, Fmu, export
 from trussflow.fmu.__main__ import main
