@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import copy
 import ctypes
+import time
 from collections.abc import Sequence
 from fractions import Fraction
 from functools import partial
@@ -42,6 +43,9 @@ from trussflow.blocks.tracing.program import Program
 from trussflow.blocks.tracing.quantities import Quantity
 from trussflow.blocks.tracing.tableaus import METHODS, STIFF_METHOD
 from trussflow.blocks.tracing.variable_step import SparseJacobian
+
+CHUNK_SECONDS = 0.1
+"""Wall time between two checks for Ctrl-C and the time limit, and updates of the progress bar [s]."""
 
 Point = tuple[float, Vector, Vector, Vector]
 """Time t [s], states x, discrete values d, and parameters p [as declared]."""
@@ -196,12 +200,18 @@ class Executor:
     def advance(
         self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector
     ) -> Progress:
-        """Take the steps of a span in place; rows of `log` [as declared] are filled in order."""
+        """Take steps of a span in place; rows of `log` [as declared] are filled in order.
+
+        With slow Python code, it returns after part of the span.
+        """
         row = 0
         k = 0
         fault = "d"
+        until = time.perf_counter() + CHUNK_SECONDS
         try:
             for k in range(span.end - span.begin):
+                if k and time.perf_counter() > until:
+                    return Progress(k)
                 fault = "d"
                 number = span.first + k
                 place = span.begin + k

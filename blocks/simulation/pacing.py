@@ -37,7 +37,7 @@ class Pacer:
     """
 
     def __init__(self, pace: float, now: float) -> None:
-        self.pace = pace
+        self.pace = float(pace)
         self.overruns = 0
         self.largest_delay = 0.0
         self.begin(now)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+import time
 from collections.abc import Generator
 from itertools import chain
 from typing import Any
@@ -27,6 +28,7 @@ from trussflow.blocks.simulation.block_instances import (
     SampledStepping,
 )
 from trussflow.blocks.simulation.executor import (
+    CHUNK_SECONDS,
     CompiledExecutor,
     Executor,
     Point,
@@ -198,7 +200,7 @@ class PythonExecutor(Executor):
             or isinstance(own := blocks.equations[call.path], SampledStepping)
             or own.states_own("update")
         }
-        self._span: tuple[Span, Vector, Vector, Vector]
+        self._span: tuple[float, Span, Vector, Vector, Vector]
         self._instant: Any = None
         self._failed: Progress | None = None
 
@@ -216,7 +218,7 @@ class PythonExecutor(Executor):
     def advance(
         self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector
     ) -> Progress:
-        """Take the steps of a span in place; rows of `log` [as declared] are filled in order."""
+        """Take steps of a span in place, as in `Executor.advance`."""
         # Continuous Python blocks are called in each stage; otherwise spans run in C.
         inner = self._inner
         if self._python.continuous or not isinstance(inner, CompiledExecutor):
@@ -227,7 +229,7 @@ class PythonExecutor(Executor):
             instants = self._instants()
             next(instants)
             self._instant = INSTANT(instants.send)
-        self._span = span, x, d, p
+        self._span = time.perf_counter() + CHUNK_SECONDS, span, x, d, p
         computes = self._python.computes.ctypes.data
         progress = inner.advance(span, x, d, p, log, computes, self._instant)
         if self._failed is None:
@@ -236,12 +238,15 @@ class PythonExecutor(Executor):
         return failed._replace(steps=progress.steps)
 
     def _instants(self) -> Generator[int, int, None]:
-        """Compute the instant of each step of a span that is sent; yield whether all is well."""
+        """Compute the instant of each step of a span that is sent; yield whether the span goes on."""
         good = 1
         try:
-            while good:
+            while True:
                 k = yield good
-                span, x, d, p = self._span
+                until, span, x, d, p = self._span
+                good = int(not k or time.perf_counter() < until)
+                if not good:
+                    continue
                 t = (span.first + k) * span.tick.numerator / span.tick.denominator
                 updated = self.instant(int(span.due[span.begin + k]), t, x, d, p)
                 if updated is d:

@@ -32,7 +32,13 @@ from trussflow.blocks.simulation.adaptive import (
     Control,
     VariableSpan,
 )
-from trussflow.blocks.simulation.executor import Executor, NumPyExecutor, Progress, Span
+from trussflow.blocks.simulation.executor import (
+    CHUNK_SECONDS,
+    Executor,
+    NumPyExecutor,
+    Progress,
+    Span,
+)
 from trussflow.blocks.simulation.pacing import PACED_SECONDS, Pacer
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.step_size_warnings import (
@@ -53,9 +59,6 @@ CHUNK_NUMBERS = 500_000
 
 MIN_CHUNK = 16
 """Minimum number of ticks between two checks for Ctrl-C [-]."""
-
-CHUNK_SECONDS = 0.1
-"""Wall time between two checks for Ctrl-C and updates of the progress bar [s]."""
 
 MAX_CHUNK_GROWTH = 4.0
 """Maximum growth of the number of ticks from one check to the next [-]."""
@@ -94,11 +97,11 @@ SWITCH_ADVICE = (
 NO_ROWS = np.empty((0, 0))
 
 
-def next_chunk(chunk: int, started: float, least: int = MIN_CHUNK) -> int:
-    """Return the number of steps to the next check, at `least` so many, after a `chunk` since `started` [-, s]."""
+def next_chunk(chunk: int, started: float) -> int:
+    """Return the number of steps to the next check, after a `chunk` of steps since wall time `started` [-, s]."""
     seconds = max(time.perf_counter() - started, 1e-9)
     growth = min(MAX_CHUNK_GROWTH, CHUNK_SECONDS / seconds)
-    return max(least, int(chunk * growth))
+    return max(MIN_CHUNK, int(chunk * growth))
 
 
 @dataclass(slots=True)
@@ -396,11 +399,10 @@ class Run:
             # So many ticks, of which one in `every` is logged,
             # give CHUNK_NUMBERS numbers.
             longest = max(MIN_CHUNK, CHUNK_NUMBERS * every // max(1, log.width))
-        # The time of a Python block is not known: it may take seconds.
-        least = chunk = 1 if prepared.plan.python_blocks else MIN_CHUNK
         if self.pacer is not None:
-            longest = max(1, int(PACED_SECONDS * self.pacer.pace / tick))
-            least = chunk = min(least, longest)
+            paced = min(longest, PACED_SECONDS * self.pacer.pace / tick)
+            longest = max(1, int(paced))
+        chunk = min(MIN_CHUNK, longest)
         # Equal to k, so that the first pass computes a window.
         stop = self.k
         while self.k < last:
@@ -440,10 +442,11 @@ class Run:
                     k + progress.steps,
                     bool(logged[k - base + progress.steps]),
                 )
+            end = k + progress.steps
             self.k = end
             self.time = self.time_of(end)
             if started:
-                chunk = min(next_chunk(chunk, started, least), longest)
+                chunk = min(next_chunk(end - k, started), longest)
             if self.bar is not None:
                 self.bar.update((end - k) * tick.numerator / tick.denominator)
             if self.pacer is not None:
