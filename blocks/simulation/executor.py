@@ -100,32 +100,6 @@ class Span(NamedTuple):
     logged: NDArray[np.uint8]
 
 
-class Groups(NamedTuple):
-    """Arrays of several groups of runs; the first axis is that of the groups, the last that of the lanes.
-
-    Attributes
-    ----------
-    x, d, p : Vector
-        States, discrete values and parameters [as declared].
-    log : Vector
-        Rows to fill in order [as declared].
-    faults : array of int32
-        Fault of each group, 0 for none, numbered by the first enum of ``events.h``.
-    bad : Vector
-        States or discrete values that are not finite, of each group with such a fault [as declared].
-    taken : array of int64
-        Steps taken in the last call [-].
-    """
-
-    x: Vector
-    d: Vector
-    p: Vector
-    log: Vector
-    faults: NDArray[np.int32]
-    bad: Vector
-    taken: NDArray[np.int64]
-
-
 class Executor:
     """Evaluation of a `plan` in a run. This base class steps in Python; ``driver.c`` does the same in C.
 
@@ -422,7 +396,7 @@ class CompiledExecutor(Executor):
     ) -> None:
         super().__init__(plan)
         self._lanes = lanes
-        functions = ["tf_work_size", "tf_advance", "tf_advance_groups", "tf_evaluate"]
+        functions = ["tf_work_size", "tf_advance", "tf_evaluate"]
         if variable:
             functions.append("tf_vary")
         made = compile_library(
@@ -441,12 +415,6 @@ class CompiledExecutor(Executor):
             *(pointer, ctypes.c_int, ctypes.c_double, ctypes.c_double, whole, whole),
             *[pointer] * 6,
             *(whole, pointer, pointer, pointer, ctypes.c_int, pointer, pointer),
-        ]
-        self._advance_groups = library.tf_advance_groups
-        self._advance_groups.restype = None
-        self._advance_groups.argtypes = [
-            *self._advance.argtypes[:-2],
-            *(whole, pointer, whole, whole, whole),
         ]
         if variable:
             self._vary = library.tf_vary
@@ -547,36 +515,6 @@ class CompiledExecutor(Executor):
             self._refuse(t, x, d, p)
         except (SimulationError, DivergenceError, RunEndedError) as error:
             return Progress(steps, "x", error=error)
-
-    def advance_groups(self, span: Span, groups: Groups) -> None:
-        """Take the steps of a span in place, in each of several `groups` that has no fault [as declared]."""
-        log = groups.log
-        x, d, p, rows, faults, bad, taken = (array.ctypes.data for array in groups)
-        self._advance_groups(
-            self._own[0],
-            [*FIXED_STEP].index(span.method),
-            span.tick.numerator,
-            span.tick.denominator,
-            span.first,
-            span.end - span.begin,
-            x,
-            d,
-            p,
-            span.due.ctypes.data,
-            span.logged.ctypes.data,
-            rows,
-            log.shape[2],
-            faults,
-            bad,
-            self.plan.kinds.ctypes.data,
-            self.plan.sides.span.start,
-            len(groups.x),
-            taken,
-            groups.p.shape[1],
-            # the rows of a group go on behind those of this call
-            log.strides[0] // (log.itemsize * self._lanes),
-            groups.bad.shape[1],
-        )
 
     def _refuse(self, t: float, x: Vector, d: Vector, p: Vector) -> NoReturn:
         """Raise the error of an indicator, of an algebraic loop, or of events, at time `t` [s]."""

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trussflow.blocks.results.dataset import dataset
-from trussflow.blocks.simulation.executor import CompiledExecutor, Groups, Span
+from trussflow.blocks.simulation.executor import CompiledExecutor, Span
 from trussflow.blocks.simulation.prepared import Prepared
-from trussflow.blocks.simulation.run import MIN_CHUNK, next_chunk
+from trussflow.blocks.simulation.run import MIN_CHUNK, Run, next_chunk
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.simulation.step_size_warnings import MIN_CHECKED_SIZE
 from trussflow.blocks.support.types import Vector
@@ -24,10 +24,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 BATCH_NUMBERS = 500_000
-"""Largest number of logged numbers of a batch with more than one group [-]; 4 MB, which caches hold."""
-
-BAD_STATE, BAD_VALUE = 1, 2
-"""Faults of a step: states, or discrete values, that are not finite, as in ``events.h``."""
+"""Largest number of logged numbers of a batch of several groups of runs [-]; 4 MB, which caches hold."""
 
 
 class Points(NamedTuple):
@@ -100,10 +97,9 @@ class Lanes:
         """
         simulator, count = self._simulator, self.count
         with simulator.opened(duration) as alone:
-            executor = self._executor.fresh()  # threads share this object
-            tick = alone.prepared.tick
-            steps, every = int(alone.end / tick), int(alone.log_step / tick)
-            times = alone.time_of(np.append(np.arange(0, steps, every), steps))
+            # A fresh executor, as threads share this object.
+            steps = _Steps(self._executor.fresh(), alone)
+            times = alone.time_of(steps.logged)
             assert alone.log is not None
             shape = times.size, alone.log.width, count
             most = count * max(1, BATCH_NUMBERS // max(1, math.prod(shape)))
@@ -112,13 +108,28 @@ class Lanes:
                 batch, waiting = waiting[:most], waiting[most:]
                 started = time.perf_counter()
                 # Lanes without a run repeat the last run.
-                places = np.pad(batch, (0, -batch.size % count), "edge")
-                groups = _groups(points, places.reshape(-1, count), shape)
-                _advance(executor, groups, alone.prepared, steps, every)
-                bad = _bad_lanes(groups, not_finite)
-                failed = groups.faults[:, np.newaxis] != 0
-                lanes = np.flatnonzero(~(bad | failed).ravel()[: batch.size])
+                padded = np.pad(batch, (0, -batch.size % count), "edge")
+                number = padded.size // count
+                # The lanes of an element follow one another.
+                x, d, p = (
+                    v[padded.reshape(number, count)].swapaxes(1, 2).reshape(number, -1)
+                    for v in points
+                )
+                log = np.empty((number, *shape))
+                good = np.ones((number, count), dtype=bool)
+                again = ~good
+                for g, group in enumerate(zip(x, d, p, log, strict=True)):
+                    if (others := steps.take(*group)) is not None:
+                        good[g], again[g] = False, others
+                # A run alone warns of such a state if the steps are too long.
+                large = np.abs(x) >= MIN_CHECKED_SIZE
+                good &= ~large.reshape(number, -1, count).any(axis=1)
+                with np.errstate(all="ignore"):
+                    # The sum is finite only if all numbers are, and takes a third of the time of a test of each.
+                    if not_finite != "ignore" and not np.isfinite(log.sum()):
+                        good &= np.isfinite(log).all(axis=(1, 2))
                 seconds = (time.perf_counter() - started) / batch.size
+                lanes = np.flatnonzero(good.ravel()[: batch.size])
                 yield LaneRuns(
                     simulator,
                     duration,
@@ -126,75 +137,83 @@ class Lanes:
                     batch[lanes],
                     points.at(batch[lanes]),
                     times,
-                    np.moveaxis(groups.log, 0, 2),
+                    np.moveaxis(log, 0, 2),
                     lanes,
                     seconds,
                 )
-                # Runs that shared a group with a failed one begin again.
-                again = batch[(failed & ~bad).ravel()[: batch.size]]
-                waiting = np.concatenate([waiting, again])
+                waiting = np.append(waiting, batch[again.ravel()[: batch.size]])
 
 
-def _groups(points: Points, places: NDArray[np.intp], shape: tuple[int, ...]) -> Groups:
-    """Return the arrays of the runs at `places` [-] of `points`, with logs of a `shape` for each group."""
-    x, d, p = (np.ascontiguousarray(np.moveaxis(v[places], 1, 2)) for v in points)
-    number, _, lanes = x.shape
-    return Groups(
-        x,
-        d,
-        p,
-        np.empty((number, *shape)),
-        np.zeros(number, np.int32),
-        np.empty((number, 1 + max(x.shape[1], d.shape[1]), lanes)),
-        np.zeros(number, np.int64),
-    )
+class _Steps:
+    """Takes all steps of one group of runs after the other.
 
+    Parameters
+    ----------
+    executor : CompiledExecutor
+        Executor of the groups.
+    alone : Run
+        Run with their settings.
 
-def _advance(
-    executor: CompiledExecutor,
-    groups: Groups,
-    prepared: Prepared,
-    steps: int,
-    every: int,
-) -> None:
-    """Take all `steps` [-] in place, and log `every` so many of them, and the last instant."""
-    chunk, k, row, size = MIN_CHUNK, 0, 0, 0
-    while k <= steps and not groups.faults.all():
-        started = time.perf_counter()
-        size = min(chunk, steps + 1 - k)
-        logged = np.zeros(size, dtype=np.uint8)
-        # -k % every is the distance to the next multiple of `every`.
-        logged[-k % every :: every] = 1
-        logged[steps - k :] = 1
+    Attributes
+    ----------
+    logged : array of int
+        Ticks that are logged [-].
+    """
+
+    def __init__(self, executor: CompiledExecutor, alone: Run) -> None:
+        self._executor, self._prepared = executor, alone.prepared
+        tick = self._prepared.tick
+        self._last, self._every = int(alone.end / tick), int(alone.log_step / tick)
+        self.logged = np.append(np.arange(0, self._last, self._every), self._last)
+        self._chunk = MIN_CHUNK
+        self._span = self._span_of(0, MIN_CHUNK)
+
+    def _span_of(self, k: int, size: int) -> Span:
+        """Return the span of `size` ticks from tick `k` [-]."""
+        ticks = np.arange(k, k + size)
+        logged = (ticks % self._every == 0) | (ticks == self._last)
+        prepared = self._prepared
         due = prepared.schedule.due(k, size)
-        solver = prepared.solver.solver
-        span = Span(solver, prepared.tick, k, 0, size, due, logged)
-        groups.taken.fill(-1)
-        executor.advance_groups(span, groups._replace(log=groups.log[:, row:]))
-        row += int(np.count_nonzero(logged))
-        k += size
-        chunk = next_chunk(chunk, started)
-    # The last instant is logged before a step that no one needs, and that may fail.
-    useless = (groups.faults != BAD_VALUE) & (groups.taken == size - 1) & (k > steps)
-    groups.faults[useless] = 0
+        return Span(
+            prepared.solver.solver,
+            prepared.tick,
+            k,
+            0,
+            size,
+            due,
+            logged.view(np.uint8),
+        )
 
+    def take(
+        self, x: Vector, d: Vector, p: Vector, log: Vector
+    ) -> NDArray[np.bool_] | None:
+        """Take the steps of a group in place, and fill its `log` [as declared].
 
-def _bad_lanes(groups: Groups, not_finite: str) -> NDArray[np.bool_]:
-    """Return the lanes of each group that failed, or logged numbers that are not finite."""
-    log = groups.log
-    bad = np.zeros((len(log), log.shape[-1]), dtype=bool)
-    with np.errstate(all="ignore"):
-        # The sum is finite only if all numbers are, and takes a third of the time of a test of each.
-        if not_finite != "ignore" and not np.isfinite(log.sum()):
-            bad |= ~np.isfinite(log).all(axis=(1, 2))
-    sizes = {BAD_STATE: groups.x.shape[1], BAD_VALUE: groups.d.shape[1]}
-    for g in np.flatnonzero(groups.faults):
-        size = sizes.get(int(groups.faults[g]), 0)
-        # The log ends at the fault. An unknown cause is one of all lanes.
-        finite = np.isfinite(groups.bad[g, :size]).all(axis=0)
-        bad[g] = ~finite | finite.all()
-    # A run alone warns of such a state if the steps are too long.
-    return bad | (np.abs(groups.x) >= MIN_CHECKED_SIZE).any(axis=1)
+        Returns
+        -------
+        array of bool or None
+            If the run of a lane failed: other lanes, whose runs must begin again.
+        """
+        k = row = 0
+        while k <= self._last:
+            started = time.perf_counter()
+            size = min(self._chunk, self._last + 1 - k)
+            if (self._span.first, self._span.end) != (k, size):
+                self._span = self._span_of(k, size)
+            steps, fault, bad, _ = self._executor.advance(
+                self._span, x, d, p, log[row:]
+            )
+            # The last instant is logged before a step that no one needs, and that may fail.
+            if fault == "d" or (fault and k + steps < self._last):
+                finite = np.isfinite(() if bad is None else bad)
+                good = finite.reshape(-1, log.shape[-1]).all(axis=0)
+                # An unknown cause is one of all lanes.
+                return good & ~good.all()
+            row += np.count_nonzero(self._span.logged)
+            k += size
+            if size == self._chunk:
+                self._chunk = next_chunk(size, started)
+        return None
 
 
 class LaneRuns(NamedTuple):

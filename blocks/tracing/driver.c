@@ -86,22 +86,6 @@ TF_EXPORT long long tf_advance(void* work, int method, double numerator, double 
   return number;
 }
 
-/* Take the steps of tf_advance in several groups of runs, whose arrays follow one another, each group with its own
-   element of `taken` (steps taken in this call) and `faults`. Groups with a fault from an earlier call stay as they
-   are. The strides are numbers of elements from one group to the next. */
-TF_EXPORT void tf_advance_groups(void* work, int method, double numerator, double denominator, long long first,
-                                 long long number, tf_number* x, tf_number* d, const tf_number* p,
-                                 const unsigned short* due, const unsigned char* logged, tf_number* log,
-                                 long long log_width, int* faults, tf_number* bad, const signed char* kinds,
-                                 int sides, long long groups, long long* taken, long long p_stride,
-                                 long long log_stride, long long bad_stride) {
-  for (long long g = 0; g < groups; ++g)
-    if (!faults[g])
-      taken[g] = tf_advance(work, method, numerator, denominator, first, number, x + g * TF_X, d + g * TF_D,
-                            p + g * p_stride, due, logged, log + g * log_stride, log_width, faults + g,
-                            bad + g * bad_stride, kinds, sides, 0, 0);
-}
-
 #ifdef TF_VARIABLE
 /* Advance by variable steps as `control` says: log at `times` in turn, and return when the end of the span, the
    number of steps or that of rows is reached. Its field `begun` is 0 if d or p may have changed since; `fault`

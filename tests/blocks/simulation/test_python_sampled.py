@@ -3,6 +3,7 @@
 import _thread
 import sys
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from systems import Time, assert_near, series
 
 from trussflow.blocks import (
     Block,
+    Constant,
     Diagram,
     Input,
     Integrator,
@@ -23,7 +25,12 @@ from trussflow.blocks import (
     UnitDelay,
     simulate,
 )
-from trussflow.blocks.errors import BlockError, DivergenceError, SimulationError
+from trussflow.blocks.errors import (
+    BlockError,
+    DivergenceError,
+    SimulationError,
+    TimeLimitError,
+)
 
 ROUND_OFF = 1e-12  # some hundred additions of numbers near one
 
@@ -170,3 +177,25 @@ def test_ctrl_c_ends_steps_in_c_between_python_blocks(monkeypatch):
             assert "KeyboardInterrupt" in session.fault
             assert session.time < 1e9
     assert not lost
+
+
+@pytest.mark.parametrize("backend", ["compiled", "interpreted"])
+def test_a_time_limit_holds_if_a_block_becomes_slow(backend):
+    slow = []
+
+    def law(t):
+        if t > 5.0:
+            slow.append(t)
+            time.sleep(0.03)
+        return t
+
+    diagram = Diagram("slow")
+    ports = {"inputs": {"t": Input()}, "outputs": {"y": Output()}}
+    one, clock = diagram.add(one=Constant(1.0), clock=Integrator())
+    one >> clock >> diagram.add(law=PythonFunction(law, 0.01, **ports))
+    simulator = Simulator(diagram, step=0.01, backend=backend)
+    with pytest.raises(TimeLimitError) as error:
+        simulator.run(6.0, time_limit=0.5, progress=False)
+    assert len(slow) < 50  # of 100
+    if slow:
+        assert error.value.result.time[-1] > slow[0]
