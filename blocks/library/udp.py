@@ -119,7 +119,8 @@ class _Socket(Running):
 
     def __init__(self, block: Any) -> None:
         self._block = block
-        self._place = block.address, block.port_number
+        # once, as finding the address of a name may take seconds
+        self._place = socket.gethostbyname(block.address), block.port_number
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 
     def close(self) -> None:

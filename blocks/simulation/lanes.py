@@ -206,10 +206,10 @@ class _Steps:
             # The last instant is logged before a step that no one needs, and that may fail.
             if fault == "d" or (fault and k + steps < self._last):
                 finite = np.isfinite(() if bad is None else bad)
-                good = finite.reshape(-1, log.shape[-1]).all(axis=0)
+                good: NDArray[np.bool_] = finite.reshape(-1, log.shape[-1]).all(axis=0)
                 # An unknown cause is one of all lanes.
-                return good & ~good.all()
-            row += np.count_nonzero(self._span.logged)
+                return ~good if good.all() else good
+            row += int(np.count_nonzero(self._span.logged))
             k += size
             if size == self._chunk:
                 self._chunk = next_chunk(size, started)

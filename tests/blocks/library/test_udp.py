@@ -131,3 +131,24 @@ def test_ports_in_use_and_wrong_addresses_are_named(peer):
         receiving(port).start()
     with pytest.raises(SimulationError, match="cannot receive at"):
         receiving(0, address="192.0.2.1").start()
+
+
+def test_the_address_of_a_name_is_found_once(peer, monkeypatch):
+    names = []
+
+    def found(name):
+        names.append(name)
+        return "127.0.0.1"
+
+    monkeypatch.setattr(socket, "gethostbyname", found)
+    diagram = Diagram("sending")
+    send = UdpSend(0.1, peer.getsockname()[1], address="device.invalid")
+    diagram.add(ramp=Ramp(2.0)) >> diagram.add(send=send)
+    simulate(diagram, 0.3, step=0.1)
+    assert [struct.unpack("<2d", peer.recv(100))[0] for _ in range(4)] == [
+        0.0,
+        0.1,
+        0.2,
+        0.3,
+    ]
+    assert names == ["device.invalid"]

@@ -2,6 +2,7 @@
 
 import time
 
+import numpy as np
 import pytest
 
 from trussflow.blocks import (
@@ -104,7 +105,7 @@ def test_each_step_waits(wall, settings):
 def test_short_steps_are_taken_in_groups_of_a_millisecond(wall):
     diagram = Diagram("short")
     diagram.add(one=Constant(1.0)) >> diagram.add(x=Integrator())
-    simulate(diagram, 0.1, step=1e-4, pace=2.0)
+    simulate(diagram, 0.1, step=1e-4, pace=np.float32(2.0))
     assert len(wall.waits) == pytest.approx(0.05 / PACED_SECONDS, abs=1)
     assert sum(wall.waits) == pytest.approx(0.05)
 
