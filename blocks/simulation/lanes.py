@@ -205,8 +205,10 @@ class _Steps:
             )
             # The last instant is logged before a step that no one needs, and that may fail.
             if fault == "d" or (fault and k + steps < self._last):
-                finite = np.isfinite(() if bad is None else bad)
-                good: NDArray[np.bool_] = finite.reshape(-1, log.shape[-1]).all(axis=0)
+                finite = np.isfinite(np.empty(0) if bad is None else bad)
+                good: NDArray[np.bool_] = np.logical_and.reduce(
+                    finite.reshape(-1, log.shape[-1])
+                )
                 # An unknown cause is one of all lanes.
                 return ~good if good.all() else good
             row += int(np.count_nonzero(self._span.logged))
