@@ -37,7 +37,6 @@ static void tf_search(const double* h, double piece, double t, double* out) {
   out[0] = end < s.kept ? tf_point(&s, end)[0] : INFINITY;
   out[1] = last ? last[0] : INFINITY;
   out[2] = k ? tf_point(&s, k - 1)[1] : 0.0;
-  if (out[2] < piece) k = tf_until(&s, 1, piece - 1.0);
   if (k > end - 1) k = end - 1;
   double *times = out + 3, *values = times + 4;
   for (int i = 0; i < 4; ++i) {

@@ -138,7 +138,7 @@ def _searched(size: int, given: Vector, history: Vector) -> Vector:
         result[1] = points[-1, 0]
     if k:
         result[2] = points[k - 1, 1]
-    k = min(max(k, begin), end - 1)
+    k = min(k, end - 1)
     values = np.zeros((4, size))
     for i, place in enumerate(range(k - 2, k + 2)):
         if begin <= place < end:

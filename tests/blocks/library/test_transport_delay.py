@@ -118,7 +118,8 @@ def test_jumps_at_events_are_delayed(settings):
 
 
 @pytest.mark.parametrize(
-    "settings", [{"step": 0.01}, {"solver": "RK45", "log_step": 0.01}]
+    "settings",
+    [{"step": 0.01, "backend": "compiled"}, {"solver": "RK45", "log_step": 0.01}],
 )
 @pytest.mark.parametrize("periods", [1, 3])
 def test_sample_at_the_instant_of_a_delayed_jump_is_the_new_value(periods, settings):
@@ -132,6 +133,18 @@ def test_sample_at_the_instant_of_a_delayed_jump_is_the_new_value(periods, setti
     result = simulate(d, 1.0, **settings)
     tenths = np.maximum(np.arange(101) // 10 - periods, 0)
     assert_allclose(result["second.y"], 0.1 * tenths, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("backend", ["interpreted", "compiled"])
+def test_round_off_hides_no_point_at_the_instant_of_a_delayed_jump(backend):
+    """The number 0.7 - 0.5 is less than 0.2."""
+    assert 0.2 + 0.5 <= 0.7
+    assert 0.7 - 0.5 < 0.2
+    d = Diagram("d")
+    jump = Step(0.2, initial_value=2.0, final_value=3.0)
+    d.add("step", jump) >> d.add("late", TransportDelay(0.5, -1.0))
+    result = simulate(d, 1.0, step=0.1, backend=backend)
+    assert result["late.y"].values[4:9].tolist() == [-1.0, 2.0, 2.0, 3.0, 3.0]
 
 
 @pytest.mark.parametrize("solver", ["RK45", "DOP853", "Rodas5P", "auto"])
