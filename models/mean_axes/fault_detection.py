@@ -41,9 +41,6 @@ FRAME_THRESHOLD = 2.5
 SETTLING_TIME = 3.0
 """Time after a verdict without new ones, in which the vibration by the other commands decays [s]."""
 
-RETRIAL_TIME = 30.0
-"""Time after a verdict after which a failed base is used again if its state is unknown [s]."""
-
 JUMP, UNEXPLAINED = 3.0, 3.0
 """Relative variances: of a sample after a sudden failure, and of a residual that nothing explains [-]."""
 
@@ -69,8 +66,7 @@ class FaultDetection(MeanAxesBlock):
       the innovations of the truss frame alone.
     * If the residual is larger than noise, or more than the whole effect is lost, the cause is none of these,
       and no base is isolated.
-    * A failed base still receives the excitation. If it responds, it is used again. If there is no excitation
-      without a force on the truss, as for bent arms, it is used again after a time.
+    * A failed base still receives the excitation. If it responds, it is used again.
     * While the vibration after a verdict decays, nothing else is isolated.
 
     Drives are never switched off: a held arm needs no torques, and a healthy one needs its own.
@@ -243,11 +239,7 @@ class FaultDetection(MeanAxesBlock):
         likely = np.logical_and(likely, explained)
         suspected = np.where(likely, self.judged, 0.0)
         works = share + 2.0 * spread < WORKING
-        # With little evidence the deviation is that of the prior, 1.
-        unknown = np.logical_and(
-            spread > 0.9, x.settling < SETTLING_TIME - RETRIAL_TIME
-        )
-        works = np.logical_and(np.logical_or(works, unknown), np.logical_not(held))
+        works = np.logical_and(works, np.logical_not(held))
         failed = np.where(works, 0.0, np.maximum(x.failed, suspected * x.suspected))
         return {
             "rates": predicted + self.gains * innovation,
