@@ -262,7 +262,7 @@ def test_a_path_becomes_slower_after_a_loss(duration, arrival):
                 worst, np.abs(session.outputs["position"] - session.outputs["wanted"])
             )
         assert_array_equal(session.outputs["known"], np.where(PARTS[3], 0.0, 1.0))
-        assert session.outputs["arrival"] == pytest.approx(arrival, rel=0.16)
+        assert session.outputs["arrival"] == pytest.approx(arrival, rel=0.2)
         assert worst[:6].max() < 0.02 * scale
         assert worst[6:].max() < 0.3 * scale
 
