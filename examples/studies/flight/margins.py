@@ -97,7 +97,7 @@ def loops_along(
         session.advance(float(round(part * duration / tick) * tick))
         yield (
             name,
-            SampledLoop.of(session, "controller.allocation.command", _STATES, measured),
+            SampledLoop.of(session, "controller.hold.command", _STATES, measured),
         )
 
 
