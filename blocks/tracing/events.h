@@ -58,19 +58,31 @@ static int tf_keep(const tf_model* m, double t, const tf_number* x, tf_number* d
 #define TF_STORED_OF(program) program(stored)
 #define TF_HEADER 4 /* numbers before the points of a history, see history.h */
 
+/* The largest modulus of the elements from `begin` to `end` in the last points, at most four, of the last piece. */
+static double tf_largest(const double* h, int begin, int end) {
+  const long long count = (long long)h[0], room = (long long)h[1];
+  const int width = 2 + (int)h[2];
+  const double *ring = h + TF_HEADER, piece = ring[(count - 1) % room * width + 1];
+  double largest = 0.0;
+  for (long long i = count - 1; i >= 0 && i > count - 5 && ring[i % room * width + 1] == piece; --i)
+    for (int e = begin; e < end; ++e) largest = fmax(largest, fabs(ring[i % room * width + 2 + e]));
+  return largest;
+}
+
 /* Store a point of a signal; false if a point is lost that is needed. The twin in Python is in history.py. */
 static int tf_store(double* h, double t, const double* values) {
   const long long count = (long long)h[0], room = (long long)h[1];
   const int size = (int)h[2], width = 2 + size;
   double *ring = h + TF_HEADER, *point = ring + count % room * width, piece = 1.0;
   if (count) {
-    double *last = ring + (count - 1) % room * width, moved = 0.0, largest = 0.0;
+    double* last = ring + (count - 1) % room * width;
     piece = last[1];
     if (t - last[0] <= 1e-9 * h[3]) {
-      for (long long i = count; i > 0 && i > count - 4 && ring[(i - 1) % room * width + 1] == piece; --i)
-        for (int e = 2; e < width; ++e) largest = fmax(largest, fabs(ring[(i - 1) % room * width + e]));
-      for (int e = 0; e < size; ++e) moved = fmax(moved, fabs(values[e] - last[2 + e]));
-      if (!(moved > 1e-7 * largest)) return 1;
+      double noise = 1e-12 * tf_largest(h, 0, size);
+      int jumps = 0;
+      for (int e = 0; e < size; ++e)
+        jumps |= fabs(values[e] - last[2 + e]) > fmax(noise, 1e-7 * tf_largest(h, e, e + 1));
+      if (!jumps) return 1;
       /* a piece of one point at this time has no length: the new value replaces it */
       if (count == 1 || ring[(count - 2) % room * width + 1] != piece) {
         memcpy(last + 2, values, size * sizeof *values);

@@ -28,10 +28,9 @@ HEADER_SIZE = 4
 NO_POINT = 1e100
 """Time of a missing point, as in history.h [s]."""
 
-TIME_TOLERANCE, JUMP_TOLERANCE = 1e-9, 1e-7
-"""Tolerance of equal times, relative to the delay; smallest relative change at equal times that is a jump.
-
-As in events.h.
+TIME_TOLERANCE, JUMP_TOLERANCE, ROUND_OFF = 1e-9, 1e-7, 1e-12
+"""Tolerance of equal times, relative to the delay; smallest change at equal times that is a jump, relative to the
+element; round-off of an element, relative to the largest one. As in events.h.
 """
 
 
@@ -61,8 +60,10 @@ def store(history: Vector, t: float, values: Vector) -> None:
         piece = last[1]
         if t - last[0] <= TIME_TOLERANCE * longest:
             near = [ring[i % len(ring)] for i in range(max(0, number - 4), number)]
-            size = max(np.abs(p[2:]).max(initial=0.0) for p in near if p[1] == piece)
-            if not np.abs(values - last[2:]).max(initial=0.0) > JUMP_TOLERANCE * size:
+            sizes = np.max([np.abs(p[2:]) for p in near if p[1] == piece], axis=0)
+            noise = ROUND_OFF * sizes.max(initial=0.0)
+            moved = np.abs(values - last[2:])
+            if not (moved > np.maximum(noise, JUMP_TOLERANCE * sizes)).any():
                 return
             # A piece of one point at this time has no length: the new value replaces it.
             if number == 1 or ring[(number - 2) % len(ring)][1] != piece:

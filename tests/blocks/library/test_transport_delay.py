@@ -89,6 +89,19 @@ def test_jump_of_a_source_is_delayed(settings):
     )
 
 
+@pytest.mark.parametrize(
+    "settings", [{"step": 0.05}, {"step": 0.05, "backend": "numpy"}]
+)
+def test_jump_of_a_small_element_beside_a_large_one_is_delayed(settings):
+    d = Diagram("d")
+    d.add("step", Step(0.5, initial_value=[0.0, 1e9], final_value=[1.0, 1e9])) >> d.add(
+        "late", TransportDelay(0.25, [0.0, 0.0])
+    )
+    d.late.y >> d.add("area", Integrator([0.0, 0.0]))
+    area = simulate(d, 2.0, log_step=0.5, **settings)["area.y"][-1, 0]
+    assert area == pytest.approx(2.0 - 0.75, abs=1e-9)
+
+
 @every_solver
 def test_jumps_of_a_sampled_block_are_delayed(settings):
     d = Diagram("d")
