@@ -123,22 +123,28 @@ class TransportDelay(Block):
 
     def initial(self, name: str, p: Signals) -> Vector:
         """Return the approximant at rest, and no piece of the input."""
-        if name == "z":
-            rest: Vector = np.outer(-np.linalg.solve(self.A, self.B), p.initial_value)
-            return rest
-        return super().initial(name, p)
+        return self.steady(p.initial_value) if name == "z" else super().initial(name, p)
+
+    def steady(self, value: Array) -> Array:
+        """Return the steady states of the approximant with an output `value` [as declared]."""
+        return np.outer(-np.linalg.solve(self.A, self.B), value)
 
     def _delay(self, u: Signals) -> Array:
         """Return the delay [s]."""
         return np.float64(self.delay)
 
+    def _late(
+        self, t: Array, x: Signals, u: Signals, p: Signals, piece: Array
+    ) -> Array:
+        """Return the stored input of a `piece` at the delayed time."""
+        then = t - self._delay(u)
+        found = search(x.past, self.size, piece, then)
+        late = interpolated(found, then, self.shape)
+        return np.where(piece == 0, p.initial_value, late)
+
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the stored input, or the output of the approximant where nothing is stored."""
-        then = t - self._delay(u)
-        found = search(x.past, self.size, x.piece, then)
-        late = np.where(
-            x.piece == 0, p.initial_value, interpolated(found, then, self.shape)
-        )
+        late = self._late(t, x, u, p, x.piece)
         linear = np.reshape(self.C @ x.z, self.shape)
         return {"y": np.where(count(x.past) == 0, linear, late)}
 
@@ -156,10 +162,11 @@ class TransportDelay(Block):
     def on_event(
         self, t: Array, x: Signals, u: Signals, p: Signals, fired: Signals
     ) -> Values:
-        """Go to the piece of the input at the delayed time."""
+        """Go to the piece of the input at the delayed time, and set the approximant to the steady state."""
         then = t - self._delay(u)
         then = then + SWITCHING_MARGIN * self.delay + ROUND_OFF * np.abs(t)
-        return {"piece": search(x.past, self.size, x.piece, then)[2]}
+        piece = search(x.past, self.size, x.piece, then)[2]
+        return {"piece": piece, "z": self.steady(self._late(t, x, u, p, piece))}
 
 
 class VariableDelay(TransportDelay):

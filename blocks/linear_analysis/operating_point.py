@@ -15,6 +15,7 @@ from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.framework.fixed_point import settle
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.system import System
+from trussflow.blocks.library.transport_delay import TransportDelay
 from trussflow.blocks.simulation.executor import Executor
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.python_blocks import PythonExecutor
@@ -119,6 +120,15 @@ class OperatingPoint(Described):
         found: dict[str, Any] = as_named(plan, now.x, now.d)
         # Only changes, so that other parameters follow the blocks.
         changed = {k: v for k, v in given.items() if not np.array_equal(v, own[k])}
+        # In a run, the approximants of delays follow at events only.
+        delays = [
+            b for b in plan.system.blocks.values() if isinstance(b, TransportDelay)
+        ]
+        if delays:
+            signals = plan.evaluate(float(now.now), now.x, now.d, now.p)
+        for delay in delays:
+            y = signals.output(delay.port("y"))
+            found["states"][f"{delay.path}.z"] = delay.steady(y)
         return cls(time=float(now.now), parameters=changed, **found)
 
     def vectors(

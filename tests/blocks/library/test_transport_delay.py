@@ -6,11 +6,14 @@ from numpy.testing import assert_allclose
 from systems import assert_near, ring, series
 
 from trussflow.blocks import (
+    Constant,
     Diagram,
     DiscreteTransferFunction,
+    Function,
     Integrator,
     OperatingPoint,
     Relay,
+    Session,
     Sine,
     Step,
     TimeFunction,
@@ -280,6 +283,23 @@ def test_linear_model_of_a_variable_delay_is_that_of_the_present_one():
     )
     assert_allclose(found.A, exact.A, rtol=1e-13)
     assert_allclose(found.B, exact.B, rtol=1e-13)
+
+
+@pytest.mark.parametrize("signal", [Constant(3.0), Sine(1.0, 0.1)])
+def test_operating_point_of_a_run_has_the_delayed_signal(signal):
+    """The gain of a square is twice its input, the delayed signal."""
+    d = Diagram("square")
+    signal, late, square = d.add(
+        signal=signal, late=TransportDelay(0.237), square=Function(lambda u: u**2)
+    )
+    signal >> late >> square
+    d.expose(y=late.y)
+    with Session(d, step=0.01) as session:
+        session.start()
+        session.advance(2.0)
+        point, y = OperatingPoint.of(session), session.outputs["y"]
+    gain = linearize(d, ["square.u"], ["square.y"], at=point).D
+    assert_allclose(gain, [[2.0 * y]], rtol=1e-9)
 
 
 @pytest.mark.parametrize("delay", [1e-3, 0.5])
