@@ -37,6 +37,10 @@ SWITCHING_MARGIN = 1e-9
 """Distance of the delayed time from a jump of the input at which it is at the jump, in longest delays [-]."""
 
 
+MAX_RATIO = 1e5
+"""Largest ratio of the longest to the shortest delay [-]."""
+
+
 class TransportDelay(Block):
     r"""Delay a signal by a fixed time, y(t) = u(t - τ), with y0 before the first input.
 
@@ -179,7 +183,7 @@ class VariableDelay(TransportDelay):
     Parameters
     ----------
     shortest, longest : float
-        Limits of τ, to which the input `tau` is clipped; 0 < shortest <= longest [s].
+        Limits of τ, to which the input `tau` is clipped; 0 < shortest <= longest <= 1e5 shortest [s].
     initial_value : array_like
         y_0 [unit]; its shape is that of the signal.
     pade : int
@@ -210,7 +214,8 @@ class VariableDelay(TransportDelay):
         unit: Unit = None,
     ) -> None:
         self.shortest = finite("VariableDelay", "shortest", shortest, above=0.0)
-        self.delay = finite("VariableDelay", "longest", longest, minimum=self.shortest)
+        limits = {"minimum": self.shortest, "maximum": MAX_RATIO * self.shortest}
+        self.delay = finite("VariableDelay", "longest", longest, **limits)
         self._prepare(self.shortest, initial_value, pade, points, unit)
 
     def _delay(self, u: Signals) -> Array:

@@ -15,7 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from trussflow.blocks.errors import NameLookupError
+from trussflow.blocks.errors import DiagramError, NameLookupError
 from trussflow.blocks.framework.block import Block, check_kind
 from trussflow.blocks.framework.declarations import KINDS, Event, History, Mode
 from trussflow.blocks.framework.diagram import Diagram
@@ -44,6 +44,9 @@ from trussflow.blocks.tracing.sorted_order import Active, Stage, laid_out, order
 
 VARIABLE_ROOM = 1000
 """Smallest room for stored points of a signal with variable steps [-]."""
+
+MAX_ROOM = 1_000_000
+"""Largest room for stored points of a signal; d holds the points, and each is a symbol while tracing [-]."""
 
 
 class Plan:
@@ -409,12 +412,19 @@ def _empty_histories(
     steps = [getattr(block, each.step) for block, each in declared.values()]
     finest = min([step or math.inf, *steps])
     found = {}
-    for key, (block, each) in declared.items():
+    for (path, name), (block, each) in declared.items():
         longest = getattr(block, each.longest)
         # Signals may jump at each step, and events divide steps.
         room = 4 * math.ceil(longest / finest) + 20
         if math.isinf(step):
             room = max(room, VARIABLE_ROOM)
         room = block.points or room
-        found[key] = empty(room if step else 0, block.ports[each.of].size, longest)
+        if step and room > MAX_ROOM:
+            raise DiagramError(
+                f"'{path}' needs {room} stored points for its delay of {longest:g} s, of at most {MAX_ROOM}: "
+                "take a larger step, fewer points, or sampled_delay"
+            )
+        found[path, name] = empty(
+            room if step else 0, block.ports[each.of].size, longest
+        )
     return found

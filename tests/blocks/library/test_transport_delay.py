@@ -1,5 +1,7 @@
 """Transport delays: smooth signals, loops, every solver, and the Padé approximant in linear models."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -25,7 +27,8 @@ from trussflow.blocks import (
     sampled_delay,
     simulate,
 )
-from trussflow.blocks.errors import SimulationError
+from trussflow.blocks.errors import DiagramError, SimulationError
+from trussflow.blocks.results.state_file import write_state
 
 SMOOTH_ERROR = 3e-5
 """Cubic interpolation of a sine of 1 Hz between steps of 0.01 s."""
@@ -211,6 +214,27 @@ def test_too_many_points_are_reported(settings, backend):
     message = f"'late' stores at most 20 points, .* at t = {time} s"
     with pytest.raises(SimulationError, match=message):
         simulate(d, 3.0, backend=backend, **settings)
+
+
+def test_a_delay_that_needs_too_many_points_is_refused():
+    with pytest.raises(DiagramError, match=r"'late' needs .* take a larger step"):
+        simulate(loop(TransportDelay(1e6)), 1.0, step=1e-3)
+
+
+@pytest.mark.parametrize(("place", "value"), [(0, -1.0), (1, 1e9), (2, 50.0)])
+def test_a_file_with_another_size_of_a_history_is_refused(place, value, tmp_path):
+    """C code would read outside the memory."""
+    file = tmp_path / "state"
+    with Session(TransportDelay(0.1), step=0.01) as session:
+        session.start(inputs={"u": 1.0})
+        session.advance(0.05)
+        good = session.save(file)
+        session.restore(file)
+        d = good.d.copy()
+        d[session.prepared.plan.histories.span.start + place] = value
+        write_state(file, replace(good, d=d), session.prepared.identity)
+        with pytest.raises(SimulationError, match="d of the snapshot cannot be of"):
+            session.restore(file)
 
 
 def test_a_ring_of_points_is_used_many_times():
