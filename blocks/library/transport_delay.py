@@ -90,20 +90,11 @@ class TransportDelay(Block):
         points: int | None = None,
         unit: Unit = None,
     ) -> None:
-        self.delay = finite("TransportDelay", "delay", delay, above=0.0)
-        self._prepare(self.delay, initial_value, pade, points, unit)
-
-    def _prepare(
-        self,
-        shortest: float,
-        initial_value: npt.ArrayLike,
-        pade: int,
-        points: int | None,
-        unit: Unit,
-    ) -> None:
-        """Check and store the arguments; the delay is stored already, and is at least the `shortest` [s]."""
-        self.longest_step = shortest / MIN_STEPS_PER_DELAY
         owner = type(self).__name__
+        self.delay = finite(owner, "delay", delay, above=0.0)
+        # A subclass has set the shortest one, if the delay varies.
+        shortest = vars(self).setdefault("shortest", self.delay)
+        self.longest_step = shortest / MIN_STEPS_PER_DELAY
         if not is_whole(pade) or not 1 <= pade <= 10:
             raise BlockError(
                 f"'pade' of {owner} must be whole, from 1 to 10, not {shown(pade)}"
@@ -215,8 +206,8 @@ class VariableDelay(TransportDelay):
     ) -> None:
         self.shortest = finite("VariableDelay", "shortest", shortest, above=0.0)
         limits = {"minimum": self.shortest, "maximum": MAX_RATIO * self.shortest}
-        self.delay = finite("VariableDelay", "longest", longest, **limits)
-        self._prepare(self.shortest, initial_value, pade, points, unit)
+        longest = finite("VariableDelay", "longest", longest, **limits)
+        super().__init__(longest, initial_value, pade=pade, points=points, unit=unit)
 
     def _delay(self, u: Signals) -> Array:
         """Return the delay within its limits [s]."""

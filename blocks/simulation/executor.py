@@ -178,8 +178,7 @@ class Executor:
 
         With slow Python code, it returns after part of the span.
         """
-        row = 0
-        k = 0
+        row = k = 0
         fault = "d"
         until = time.perf_counter() + CHUNK_SECONDS
         try:
@@ -504,10 +503,8 @@ class CompiledExecutor(Executor):
             return Progress(steps)
         # The faults are numbered by the first enum of events.h.
         if self._fault.value <= 2:
-            which = "x" if self._fault.value == 1 else "d"
-            return Progress(
-                steps, which, self._bad[: (x if which == "x" else d).size].copy()
-            )
+            which, size = ("x", x.size) if self._fault.value == 1 else ("d", d.size)
+            return Progress(steps, which, self._bad[:size].copy())
         # An indicator is reported at the start of the step, the others at their own time.
         begin = (span.first + steps) * float(span.tick)
         t = begin if self._fault.value == 3 else float(self._bad[0])

@@ -33,6 +33,13 @@ TF_EXPORT void tf_evaluate(int number, double t, const tf_number* x, const tf_nu
   tf_programs[number](&t, x, d, p, result);
 }
 
+/* Copy to `bad` what is not finite, as `fault` says. */
+static void tf_report(const tf_work* s, int fault, const tf_number* d, tf_number* bad) {
+  if (fault == TF_BAD_STATE) memcpy(bad, s->stepper.steps.next, TF_X * sizeof(tf_number));
+  if (fault == TF_BAD_D) memcpy(bad, d, TF_D * sizeof(tf_number));
+  if (fault == TF_BAD_INDICATOR) memcpy(bad, s->stepper.g, TF_EVENTS * sizeof(tf_number));
+}
+
 /* Take steps first, first+1, ... (number of them) of one tick each, which is the fraction
    numerator/denominator: so the time of step 9 of 0.1 s is the number that 0.9 stands for, where
    9 * 0.1 may round to another. At the start of each step, sample where `due` says so (0: no;
@@ -61,8 +68,7 @@ TF_EXPORT long long tf_advance(void* work, int method, double numerator, double 
     } else if (due[k]) {
       tf_samples[due[k]](&t, x, d, p, s->d_next);
       if (!tf_sound(s->d_next)) {
-        memcpy(bad, s->d_next, TF_D * sizeof(tf_number));
-        *fault = TF_BAD_D;
+        tf_report(s, *fault = TF_BAD_D, s->d_next, bad);
         return k;
       }
       memcpy(d, s->d_next, TF_D * sizeof(tf_number));
@@ -75,9 +81,7 @@ TF_EXPORT long long tf_advance(void* work, int method, double numerator, double 
 #endif
     *fault = tf_between(&model, &s->stepper, method, &t, next, h, due[k] || !k, 0, x, d, p);
     if (*fault) {
-      if (*fault == TF_BAD_STATE) memcpy(bad, s->stepper.steps.next, TF_X * sizeof(tf_number));
-      if (*fault == TF_BAD_D) memcpy(bad, d, TF_D * sizeof(tf_number));
-      if (*fault == TF_BAD_INDICATOR) memcpy(bad, s->stepper.g, TF_EVENTS * sizeof(tf_number));
+      tf_report(s, *fault, d, bad);
       if (*fault == TF_ENDLESS || *fault == TF_BAD_LOOP || *fault == TF_ENDED || *fault == TF_FULL)
         bad[0] = t + (tf_number){0};
       return k;
@@ -104,9 +108,7 @@ TF_EXPORT void tf_vary(void* work, tf_control* control, tf_number* x, tf_number*
   v->last = tf_just_before(control->end);
   s->stepper.steps.variable = v;
   *fault = tf_vary_between(&model, &s->stepper, v, x, d, p, times, log, log_width);
-  if (*fault == TF_BAD_STATE) memcpy(bad, s->stepper.steps.next, TF_X * sizeof(tf_number));
-  if (*fault == TF_BAD_D) memcpy(bad, d, TF_D * sizeof(tf_number));
-  if (*fault == TF_BAD_INDICATOR) memcpy(bad, s->stepper.g, TF_EVENTS * sizeof(tf_number));
+  tf_report(s, *fault, d, bad);
   if (*fault == TF_STUCK) memcpy(bad, v->stage, TF_X * sizeof(tf_number));
 }
 #endif

@@ -114,9 +114,9 @@ class Program:
         first: Any = call.inputs[0]
         for number, column in enumerate(self.inputs):
             elements: list[Any] = column.elements()
-            hashes = [element.element_hash() for element in elements]
-            if first.element_hash() in hashes:
-                return number, hashes.index(first.element_hash())
+            for place, element in enumerate(elements):
+                if element.element_hash() == first.element_hash():
+                    return number, place
         raise ValueError("a history is not among the arguments")
 
     def _function(self, of: Callable[[Kernel], ca.Function] | None) -> ca.Function:
