@@ -221,7 +221,7 @@ def test_a_delay_that_needs_too_many_points_is_refused():
         simulate(loop(TransportDelay(1e6)), 1.0, step=1e-3)
 
 
-@pytest.mark.parametrize(("place", "value"), [(0, -1.0), (1, 1e9), (2, 50.0)])
+@pytest.mark.parametrize("place, value", [(0, -1.0), (1, 1e9), (2, 50.0)])
 def test_a_file_with_another_size_of_a_history_is_refused(place, value, tmp_path):
     """C code would read outside the memory."""
     file = tmp_path / "state"
