@@ -115,12 +115,9 @@ class FaultDetection(MeanAxesBlock):
 
     rates = State("rigid", meaning="estimated rates")
     drift = State("rigid", meaning="d")
-    response = State(("joints", "parts"), meaning="Y after the correction")
-    drift_response = State(("joints", "parts"), meaning="change of d by the effects")
-    frame_response = State((6, "robots"), meaning="Y of the truss frame")
-    frame_drift_response = State((6, "robots"), meaning="the same for its d")
-    applied = State("actuators", meaning="Q since the previous sample, as expected")
-    servo = State("joints", meaning="part of it by servos")
+    response = State(("parts", "rigid"), meaning="transpose of Y after the correction")
+    drift_response = State(("parts", "rigid"), meaning="change of d by the effects")
+    applied = State("actuators", meaning="Q since the previous sample, without servos")
     information = State(("parts", "parts"), meaning="information of the joints")
     match = State("parts", meaning="its product with lambda")
     frame_information = State("robots", meaning="information of the truss frame")
@@ -147,6 +144,7 @@ class FaultDetection(MeanAxesBlock):
         # Only joints show the failure of their base; other arms feel it through the truss.
         self.judged = np.array([float(arm.joints > 0) for arm in dynamics.arms])
         rows = [6, dynamics.joints]
+        self.joint_rows = np.repeat([0.0, 1.0], rows)
         self.gains = np.repeat([FRAME_RATE_GAIN, RATE_GAIN], rows)
         self.drift_gains = np.repeat([FRAME_DRIFT_GAIN, DRIFT_GAIN], rows)
         free, time = FreeModes.of(dynamics, dynamics.modes.modes), design.sample_time
@@ -164,6 +162,8 @@ class FaultDetection(MeanAxesBlock):
         )
         noise = 2.0 * design.rate_noise**2 * np.eye(len(ringing))
         covariance = noise + ringing @ ringing.T + scatter @ scatter.T
+        # One innovation has two thirds of the covariance of the sum of two.
+        covariance /= 1.5
         self.precision = np.linalg.inv(covariance[6:, 6:])
         self.frame_precision = np.linalg.inv(covariance[:6, :6])
         super().__init__(dynamics, design)
@@ -182,8 +182,7 @@ class FaultDetection(MeanAxesBlock):
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Update the estimates by the measured rates."""
         robots, time = self.robots, self.design.sample_time
-        # The servos may have changed their torques meanwhile.
-        servo = np.concatenate([np.zeros(6 * robots), u.servo_torque - x.servo])
+        servo = np.concatenate([np.zeros(6 * robots), u.servo_torque])
         acting = self.members * np.reshape(x.applied + servo, (self.actuators, 1))
         terms = self.dynamics.evaluate(u.position, u.velocity)
         others = np.concatenate([u.disturbance[:6], np.zeros(self.joints)]) - terms.bias
@@ -194,37 +193,38 @@ class FaultDetection(MeanAxesBlock):
         change = time * solve_positive_definite(terms.mass_matrix, forces)
         predicted = x.rates + np.sum(change, axis=1) + x.drift
         innovation = u.velocity - predicted
+        seen = innovation[6:]
 
         def relative(rest: Array) -> Array:
-            return 1.5 * rest @ self.precision @ rest / max(self.joints, 1)
+            return rest @ self.precision @ rest / max(self.joints, 1)
 
-        effects, seen = change[6:, : self.parts], innovation[6:]
+        effects = change[:, : self.parts].T
         response = x.response + effects - x.drift_response
         settled = x.settling <= 0.0
         calm = np.logical_and(x.residual < 0.5 * UNEXPLAINED, settled)
-        jump = np.logical_and(relative(seen + response @ x.lost) > JUMP, calm)
+        jump = np.logical_and(relative(seen + x.lost @ response[:, 6:]) > JUMP, calm)
         kept = np.where(jump, 0.0, MEMORY)
-        response = np.where(jump, effects, response)
-        drift_response = np.where(jump, 0.0, x.drift_response)
-        weighted = response.T @ (1.5 * self.precision)
-        information = kept * x.information + weighted @ response
+        anew = np.where(jump, self.joint_rows, 0.0) > 0.5
+        response = np.where(anew, effects, response)
+        drift_response = np.where(anew, 0.0, x.drift_response)
+        own = response[:, 6:]
+        weighted = own @ self.precision
+        information = kept * x.information + weighted @ own.T
         match = kept * x.match - weighted @ seen
         # One unit of prior information: without evidence nothing is lost.
         covariance = solve_positive_definite(
             information + np.eye(self.parts), np.eye(self.parts)
         )
         lost = covariance @ match
-        residual = MEMORY * x.residual + (1.0 - MEMORY) * relative(
-            seen + response @ lost
-        )
+        residual = MEMORY * x.residual + (1.0 - MEMORY) * relative(seen + lost @ own)
         variance = np.maximum(1.0, residual) * np.diag(covariance)
 
-        frame = x.frame_response + change[:6, :robots] - x.frame_drift_response
-        weighted = 1.5 * self.frame_precision @ frame
+        frame = response[:robots, :6]
+        weighted = frame @ self.frame_precision
         frame_information = FRAME_MEMORY * x.frame_information + np.sum(
-            frame * weighted, axis=0
+            weighted * frame, axis=1
         )
-        frame_match = FRAME_MEMORY * x.frame_match - weighted.T @ innovation[:6]
+        frame_match = FRAME_MEMORY * x.frame_match - weighted @ innovation[:6]
         frame_lost = frame_match / (1.0 + frame_information)
         frame_variance = np.maximum(1.0, residual) / (1.0 + frame_information)
 
@@ -244,12 +244,9 @@ class FaultDetection(MeanAxesBlock):
         return {
             "rates": predicted + self.gains * innovation,
             "drift": x.drift + self.drift_gains * innovation,
-            "response": (1.0 - RATE_GAIN) * response,
-            "drift_response": drift_response + DRIFT_GAIN * response,
-            "frame_response": (1.0 - FRAME_RATE_GAIN) * frame,
-            "frame_drift_response": x.frame_drift_response + FRAME_DRIFT_GAIN * frame,
-            "applied": u.actuation,
-            "servo": u.servo_torque,
+            "response": (1.0 - self.gains) * response,
+            "drift_response": drift_response + self.drift_gains * response,
+            "applied": u.actuation - servo,
             "information": information,
             "match": match,
             "frame_information": frame_information,
