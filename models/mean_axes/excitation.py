@@ -16,7 +16,7 @@ from trussflow.models.mean_axes.fault_detection import FaultDetection
 from trussflow.models.plant.truss_block import ACTUATOR_UNITS
 
 PATTERN_SAMPLES = 4
-"""Samples per period: +, -, -, +. With two, the sums of the fault detection would cancel [-]."""
+"""Samples per period: +, -, -, +. With two, the filter of the fault detection would reduce the effect [-]."""
 
 NULL_SPACE_TOLERANCE = 1e-9
 """Relative tolerance of zero force on the truss [-]."""
@@ -32,10 +32,9 @@ class ActuatorExcitation(MeanAxesBlock):
     for the base and for the drives g of each robot, with each sign for two samples. The torques are in the
     null space of the acceleration of the truss frame r at rest, so that there is no force on the truss and
     no mode is excited. In this null space d has the largest effect on the joint rates per torque, weighted
-    with the covariance R of `FaultDetection` without its term of :math:`\lambda`. So the effect in each
-    sample is v standard deviations. A part with an empty null space is not excited. The sign of the drives
-    is that which opposes the effect of the base on the arm. So the failure of a whole robot differs from the
-    failures of its parts.
+    with the covariance R of `FaultDetection`. So the effect in each sample is v standard deviations. A part
+    with an empty null space is not excited. The sign of the drives is that which opposes the effect of the
+    base on the arm. So the failure of a whole robot differs from the failures of its parts.
 
     At other joint angles, or with a locked arm, there is a small force on the truss.
 

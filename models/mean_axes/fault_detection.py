@@ -86,7 +86,8 @@ class FaultDetection(MeanAxesBlock):
               \sin^2 \Omega_j T_s\right) S^T + \left|2 T_s G^{-1} \tau\right|^2.
 
     Its terms are the noise of the measured rates; the free modes, excited by thrust steps q in every sample;
-    and torques :math:`\tau` of thrust on arms with uncertain angles. One innovation has two thirds of it.
+    and torques :math:`\tau` of thrust on arms with uncertain angles. One innovation has two thirds of it, if
+    the noise is white and the gain of the rates is 0.5.
 
     References
     ----------
@@ -162,8 +163,6 @@ class FaultDetection(MeanAxesBlock):
         )
         noise = 2.0 * design.rate_noise**2 * np.eye(len(ringing))
         covariance = noise + ringing @ ringing.T + scatter @ scatter.T
-        # One innovation has two thirds of the covariance of the sum of two.
-        covariance /= 1.5
         self.precision = np.linalg.inv(covariance[6:, 6:])
         self.frame_precision = np.linalg.inv(covariance[:6, :6])
         super().__init__(dynamics, design)
@@ -196,7 +195,7 @@ class FaultDetection(MeanAxesBlock):
         seen = innovation[6:]
 
         def relative(rest: Array) -> Array:
-            return rest @ self.precision @ rest / max(self.joints, 1)
+            return 1.5 * rest @ self.precision @ rest / max(self.joints, 1)
 
         effects = change[:, : self.parts].T
         response = x.response + effects - x.drift_response
@@ -208,7 +207,7 @@ class FaultDetection(MeanAxesBlock):
         response = np.where(anew, effects, response)
         drift_response = np.where(anew, 0.0, x.drift_response)
         own = response[:, 6:]
-        weighted = own @ self.precision
+        weighted = own @ (1.5 * self.precision)
         information = kept * x.information + weighted @ own.T
         match = kept * x.match - weighted @ seen
         # One unit of prior information: without evidence nothing is lost.
@@ -220,7 +219,7 @@ class FaultDetection(MeanAxesBlock):
         variance = np.maximum(1.0, residual) * np.diag(covariance)
 
         frame = response[:robots, :6]
-        weighted = frame @ self.frame_precision
+        weighted = frame @ (1.5 * self.frame_precision)
         frame_information = FRAME_MEMORY * x.frame_information + np.sum(
             weighted * frame, axis=1
         )
