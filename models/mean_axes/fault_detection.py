@@ -61,7 +61,8 @@ class FaultDetection(MeanAxesBlock):
     constant torques are in d. `ActuatorExcitation` keeps all parts moving. If an innovation is much larger
     than noise, a sudden failure is likely: Y and the evidence then start anew at this sample.
 
-    * A base has failed if its lost share is large and significant in two consecutive samples.
+    * A base has failed if its lost share is large, significant, and the most significant one of the bases in
+      use, in two consecutive samples. Commands of bases are correlated, so their lost shares are, too.
     * An arm that follows neither base nor drives is held, by its brakes or by friction. Its base is judged by
       the innovations of the truss frame alone.
     * If the residual is larger than noise, or more than the whole effect is lost, the cause is none of these,
@@ -236,7 +237,10 @@ class FaultDetection(MeanAxesBlock):
         likely = np.logical_and(share > np.maximum(FAILED, least), possible)
         explained = np.logical_and(residual < UNEXPLAINED, settled)
         likely = np.logical_and(likely, explained)
-        suspected = np.where(likely, self.judged, 0.0)
+        deviations = share / spread
+        rank = np.where(likely, self.judged * (1.0 - x.failed) * deviations, 0.0)
+        most = np.logical_and(rank > 0.0, rank >= np.max(rank))
+        suspected = np.where(most, 1.0, 0.0)
         works = share + 2.0 * spread < WORKING
         works = np.logical_and(works, np.logical_not(held))
         failed = np.where(works, 0.0, np.maximum(x.failed, suspected * x.suspected))
@@ -251,7 +255,7 @@ class FaultDetection(MeanAxesBlock):
             "frame_information": frame_information,
             "frame_match": frame_match,
             "lost": lost,
-            "deviations": share / spread,
+            "deviations": deviations,
             "held_arms": np.where(held, 1.0, 0.0),
             "residual": residual,
             "suspected": suspected,

@@ -280,6 +280,27 @@ def without_joints():
     )
 
 
+def quiet(monitor):
+    """Return states, inputs and parameters at rest without evidence."""
+    x = Signals("x", {n: np.zeros(monitor.state_shape(n)) for n in monitor.states()})
+    u = Signals("u", {n.name: np.zeros(n.whole_shape or ()) for n in monitor.inputs()})
+    x["residual"] = np.array(1.0)
+    u["position"] = monitor.dynamics.rest[: monitor.rigid]
+    return x, u, Signals("p", monitor.parameters)
+
+
+def test_the_most_significant_loss_comes_first():
+    """Correlated commands make two bases seem lost; the second one is used until the first is isolated."""
+    x, u, p = quiet(MONITOR)
+    evidence = np.array([1e4, 2e4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    x["match"], x["information"] = evidence, np.diag(evidence)
+    after = MONITOR.update(np.array(0.0), x, u, p)
+    assert_array_equal(after["suspected"], np.eye(4)[1])
+    x["failed"] = np.eye(4)[1]
+    after = MONITOR.update(np.array(0.0), x, u, p)
+    assert_array_equal(after["suspected"], np.eye(4)[0])
+
+
 def test_a_robot_without_joints_is_never_suspected(modes):
     """Joints tell of their own robot; of a module bolted on they tell what the truss's bending does, too."""
     arm, module = RobotArm.jaco(), without_joints()
@@ -287,11 +308,7 @@ def test_a_robot_without_joints_is_never_suspected(modes):
         modes=modes, arms=(arm, module, arm, module), elastic_integrals=True
     )
     monitor = FaultDetection(system, MeanAxesDesign.shipped())
-    p = Signals("p", monitor.parameters)
-    x = Signals("x", {n: np.zeros(monitor.state_shape(n)) for n in monitor.states()})
-    u = Signals("u", {n.name: np.zeros(n.whole_shape or ()) for n in monitor.inputs()})
-    x["residual"] = np.array(1.0)
-    u["position"] = system.rest[: system.rigid_coordinates]
+    x, u, p = quiet(monitor)
     for lost in (0, 1):  # an arm's base, a module
         x["match"] = 1e4 * np.eye(8)[lost]
         x["information"] = 1e4 * np.eye(8)
