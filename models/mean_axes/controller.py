@@ -90,7 +90,7 @@ def mean_axes_controller(
     monitor.effectiveness >> left.u1
     left.y >> estimator.actuation
     probe.probe >> allocation.probe
-    allocation.command >> hold.wanted
+    allocation.command >> hold.request
     economy.price >> allocation.price
     economy.preferred >> allocation.preferred
     controller.expose(

@@ -63,7 +63,7 @@ class FaultDetection(MeanAxesBlock):
 
     * A base has failed if its lost share is large, significant, and the most significant one of the bases in
       use, in two consecutive samples. Commands of bases are correlated, so their lost shares are, too.
-    * An arm that follows neither base nor drives is held, by its brakes or by friction. Its base is judged by
+    * An arm that follows neither base nor drives is held, by its brakes or by friction. Its base is tested with
       the innovations of the truss frame alone.
     * If the residual is larger than noise, or more than the whole effect is lost, the cause is none of these,
       and no base is isolated.
@@ -144,7 +144,7 @@ class FaultDetection(MeanAxesBlock):
         # arm.
         self.members = np.repeat(np.eye(self.parts), sizes, axis=0)
         # Only joints show the failure of their base; other arms feel it through the truss.
-        self.judged = np.array([float(arm.joints > 0) for arm in dynamics.arms])
+        self.testable = np.array([float(arm.joints > 0) for arm in dynamics.arms])
         rows = [6, dynamics.joints]
         self.joint_rows = np.repeat([0.0, 1.0], rows)
         self.gains = np.repeat([FRAME_RATE_GAIN, RATE_GAIN], rows)
@@ -193,7 +193,7 @@ class FaultDetection(MeanAxesBlock):
         change = time * solve_positive_definite(terms.mass_matrix, forces)
         predicted = x.rates + np.sum(change, axis=1) + x.drift
         innovation = u.velocity - predicted
-        seen = innovation[6:]
+        joint_innovation = innovation[6:]
 
         def relative(rest: Array) -> Array:
             return 1.5 * rest @ self.precision @ rest / max(self.joints, 1)
@@ -201,22 +201,26 @@ class FaultDetection(MeanAxesBlock):
         effects = change[:, : self.parts].T
         response = x.response + effects - x.drift_response
         settled = x.settling <= 0.0
-        calm = np.logical_and(x.residual < 0.5 * UNEXPLAINED, settled)
-        jump = np.logical_and(relative(seen + x.lost @ response[:, 6:]) > JUMP, calm)
-        kept = np.where(jump, 0.0, MEMORY)
-        anew = np.where(jump, self.joint_rows, 0.0) > 0.5
-        response = np.where(anew, effects, response)
-        drift_response = np.where(anew, 0.0, x.drift_response)
-        own = response[:, 6:]
-        weighted = own @ (1.5 * self.precision)
-        information = kept * x.information + weighted @ own.T
-        match = kept * x.match - weighted @ seen
+        steady = np.logical_and(x.residual < 0.5 * UNEXPLAINED, settled)
+        jump = np.logical_and(
+            relative(joint_innovation + x.lost @ response[:, 6:]) > JUMP, steady
+        )
+        memory = np.where(jump, 0.0, MEMORY)
+        restart = np.where(jump, self.joint_rows, 0.0) > 0.5
+        response = np.where(restart, effects, response)
+        drift_response = np.where(restart, 0.0, x.drift_response)
+        joint_response = response[:, 6:]
+        weighted = joint_response @ (1.5 * self.precision)
+        information = memory * x.information + weighted @ joint_response.T
+        match = memory * x.match - weighted @ joint_innovation
         # One unit of prior information: without evidence nothing is lost.
         covariance = solve_positive_definite(
             information + np.eye(self.parts), np.eye(self.parts)
         )
         lost = covariance @ match
-        residual = MEMORY * x.residual + (1.0 - MEMORY) * relative(seen + lost @ own)
+        residual = MEMORY * x.residual + (1.0 - MEMORY) * relative(
+            joint_innovation + lost @ joint_response
+        )
         variance = np.maximum(1.0, residual) * np.diag(covariance)
 
         frame = response[:robots, :6]
@@ -228,21 +232,20 @@ class FaultDetection(MeanAxesBlock):
         frame_lost = frame_match / (1.0 + frame_information)
         frame_variance = np.maximum(1.0, residual) / (1.0 + frame_information)
 
-        drives, doubt = lost[robots:], p.threshold * np.sqrt(variance[robots:])
-        held = drives > np.maximum(HELD, doubt)
+        limit = p.threshold * np.sqrt(variance[robots:])
+        held = lost[robots:] > np.maximum(HELD, limit)
         share = np.where(held, frame_lost, lost[:robots])
         spread = np.sqrt(np.where(held, frame_variance, variance[:robots]))
-        least = np.where(held, FRAME_THRESHOLD, p.threshold) * spread
+        deviations = share / spread
         possible = np.logical_or(held, share < MAX_LOST_SHARE)
-        likely = np.logical_and(share > np.maximum(FAILED, least), possible)
+        significant = deviations > np.where(held, FRAME_THRESHOLD, p.threshold)
+        likely = np.logical_and(share > FAILED, np.logical_and(significant, possible))
         explained = np.logical_and(residual < UNEXPLAINED, settled)
         likely = np.logical_and(likely, explained)
-        deviations = share / spread
-        rank = np.where(likely, self.judged * (1.0 - x.failed) * deviations, 0.0)
-        most = np.logical_and(rank > 0.0, rank >= np.max(rank))
-        suspected = np.where(most, 1.0, 0.0)
-        works = share + 2.0 * spread < WORKING
-        works = np.logical_and(works, np.logical_not(held))
+        rank = np.where(likely, self.testable * (1.0 - x.failed) * deviations, 0.0)
+        first = np.logical_and(rank > 0.0, rank >= np.max(rank))
+        suspected = np.where(first, 1.0, 0.0)
+        works = np.logical_and(share + 2.0 * spread < WORKING, np.logical_not(held))
         failed = np.where(works, 0.0, np.maximum(x.failed, suspected * x.suspected))
         return {
             "rates": predicted + self.gains * innovation,

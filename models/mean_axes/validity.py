@@ -74,10 +74,11 @@ class MeasurementGate(MeanAxesBlock):
         )
         numbers = np.concatenate([u.position[:frame], u.velocity[:6]])
         finite = np.sum(np.where(np.abs(numbers) < MAX_MAGNITUDE, 0.0, 1.0)) < 0.5
-        way = way_to(kind, u.mean_position, position)[:6]
-        speed = (velocity - u.mean_speeds)[:6]
+        pose_error = way_to(kind, u.mean_position, position)[:6]
+        rate_error = (velocity - u.mean_speeds)[:6]
         near = np.logical_and(
-            np.max(np.abs(way)) < p.position_gate, np.max(np.abs(speed)) < p.rate_gate
+            np.max(np.abs(pose_error)) < p.position_gate,
+            np.max(np.abs(rate_error)) < p.rate_gate,
         )
         usable = np.logical_and(finite, u.valid > 0.5)
         credible = np.logical_or(near, x.coasting > LONGEST_OUTAGE)
@@ -108,7 +109,7 @@ class CommandHold(MeanAxesBlock):
         Sample time.
     """
 
-    wanted = Input("actuators", unit=ACTUATOR_UNITS, meaning="Q")
+    request = Input("actuators", unit=ACTUATOR_UNITS, meaning="Q")
     command = Output("actuators", unit=ACTUATOR_UNITS, meaning="Q, or the last finite")
     command_valid = Output(meaning="1 if Q is finite, else 0")
 
@@ -116,10 +117,10 @@ class CommandHold(MeanAxesBlock):
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the command, or the last finite one."""
-        wrong = np.sum(np.where(np.abs(u.wanted) < MAX_MAGNITUDE, 0.0, 1.0))
+        invalid = np.sum(np.where(np.abs(u.request) < MAX_MAGNITUDE, 0.0, 1.0))
         return {
-            "command": np.where(wrong < 0.5, u.wanted, x.last),
-            "command_valid": np.where(wrong < 0.5, 1.0, 0.0),
+            "command": np.where(invalid < 0.5, u.request, x.last),
+            "command_valid": np.where(invalid < 0.5, 1.0, 0.0),
         }
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:

@@ -94,7 +94,7 @@ def test_the_last_finite_command_is_held(rng, bad):
     hold = CommandHold(DYNAMICS, DESIGN)
     wanted, last = rng.standard_normal((2, DYNAMICS.actuators))
     wanted[3] = bad
-    x, u = Signals("x", {"last": last}), Signals("u", {"wanted": wanted})
+    x, u = Signals("x", {"last": last}), Signals("u", {"request": wanted})
     found = hold.output(np.array(0.0), x, u, Signals("p", hold.parameters))
     assert_array_equal(found["command"], last if bad else wanted)
     assert found["command_valid"] == (bad == 0.0)
