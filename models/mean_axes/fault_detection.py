@@ -64,8 +64,7 @@ class FaultDetection(MeanAxesBlock):
     * A base has failed if its lost share is large, significant, and the most significant one of the bases in
       use, in two consecutive samples. Commands of bases are correlated, so their lost shares are, too.
     * An arm that follows neither base nor drives is held, by its brakes or by friction. Its base is tested with
-      the innovations of the truss frame alone. If several arms are held, the cause is friction: the motion of
-      the truss does not tell their bases apart, and none of these is isolated.
+      the innovations of the truss frame alone.
     * If the residual is larger than noise, or more than the whole effect is lost, the cause is none of these,
       and no base is isolated.
     * A failed base still receives the excitation. If it responds, it is used again.
@@ -238,10 +237,7 @@ class FaultDetection(MeanAxesBlock):
         share = np.where(held, frame_lost, lost[:robots])
         spread = np.sqrt(np.where(held, frame_variance, variance[:robots]))
         deviations = share / spread
-        held_arms = np.where(held, 1.0, 0.0)
-        possible = np.where(
-            held, np.sum(held_arms) < 1.5, np.less(share, MAX_LOST_SHARE)
-        )
+        possible = np.logical_or(held, share < MAX_LOST_SHARE)
         significant = deviations > np.where(held, FRAME_THRESHOLD, p.threshold)
         likely = np.logical_and(share > FAILED, np.logical_and(significant, possible))
         explained = np.logical_and(residual < UNEXPLAINED, settled)
@@ -263,7 +259,7 @@ class FaultDetection(MeanAxesBlock):
             "frame_match": frame_match,
             "lost": lost,
             "deviations": deviations,
-            "held_arms": held_arms,
+            "held_arms": np.where(held, 1.0, 0.0),
             "residual": residual,
             "suspected": suspected,
             "failed": failed,

@@ -301,18 +301,6 @@ def test_the_most_significant_loss_comes_first():
     assert_array_equal(after["suspected"], np.eye(4)[0])
 
 
-def test_friction_in_several_arms_isolates_no_base():
-    """The motion of the truss shows the base of one held arm, but does not tell several bases apart."""
-    x, u, p = quiet(MONITOR)
-    x["frame_match"] = x["frame_information"] = 1e4 * np.eye(4)[0]
-    for held, suspected in (([1, 0, 0, 0], 1.0), ([1, 0, 1, 0], 0.0)):
-        x["match"] = 1e4 * np.append(np.zeros(4), held)
-        x["information"] = np.diag(x["match"])
-        after = MONITOR.update(np.array(0.0), x, u, p)
-        assert_array_equal(after["held_arms"], held)
-        assert_array_equal(after["suspected"], suspected * np.eye(4)[0])
-
-
 def test_a_robot_without_joints_is_never_suspected(modes):
     """Joints tell of their own robot; of a module bolted on they tell what the truss's bending does, too."""
     arm, module = RobotArm.jaco(), without_joints()
