@@ -12,8 +12,8 @@ ENTRY = re.compile(r"^>>> (.+)\n(\w+): (.+)$", re.MULTILINE)
 
 
 def over_calls(file):
-    """Return the parametrization of a test over the calls in the text file beside its file."""
-    text = Path(file).with_suffix(".txt").read_text(encoding="utf-8")
+    """Return the parametrization of a test over the calls in the file `.calls` beside its file."""
+    text = Path(file).with_suffix(".calls").read_text(encoding="utf-8")
     entries = ENTRY.findall(text)
     assert len(entries) == text.count(">>> ")
     return pytest.mark.parametrize(

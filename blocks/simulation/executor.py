@@ -112,6 +112,9 @@ class Executor:
     blocks = OpenBlocks()
     """The Python blocks of this run."""
 
+    span_seconds = CHUNK_SECONDS
+    """Wall time after which `advance` returns before the end of a span [s]."""
+
     jacobian: SparseJacobian | None = None
     """Sparse Jacobian of the derivative; None if no solver uses it, or the equations have none."""
 
@@ -180,7 +183,7 @@ class Executor:
         """
         row = k = 0
         fault = "d"
-        until = time.perf_counter() + CHUNK_SECONDS
+        until = time.perf_counter() + self.span_seconds
         try:
             for k in range(span.end - span.begin):
                 if k and time.perf_counter() > until:

@@ -13,6 +13,8 @@ differences are used.
 
 from __future__ import annotations
 
+import math
+
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +40,8 @@ class TangentExecutor(InterpretedExecutor):
     count : int
         Number of varied numbers, the size of q [-].
     """
+
+    span_seconds = math.inf  # a run is one span
 
     def __init__(self, prepared: Prepared, count: int) -> None:
         super().__init__(prepared.programs, prepared.plan)

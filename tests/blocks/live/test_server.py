@@ -93,7 +93,7 @@ def run(server, p, duration, name="run"):
 def test_a_served_diagram_is_traced_once(monkeypatch):
     plans = []
     monkeypatch.setattr(
-        page, "Plan", lambda diagram: plans.append(Plan(diagram)) or plans[-1]
+        page, "Plan", lambda *given: plans.append(Plan(*given)) or plans[-1]
     )
     with served(loop(Gain(3.0))) as server:
         assert [server.prepared.plan] == plans
