@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
@@ -117,8 +118,8 @@ class FaultDetection(MeanAxesBlock):
 
     rates = State("rigid", meaning="estimated rates")
     drift = State("rigid", meaning="d")
-    response = State(("parts", "rigid"), meaning="transpose of Y after the correction")
-    drift_response = State(("parts", "rigid"), meaning="change of d by the effects")
+    response = State(("parts", "rigid"), meaning="Y^T after the correction, whitened")
+    drift_response = State(("parts", "rigid"), meaning="the same for d")
     applied = State("actuators", meaning="Q since the previous sample, without servos")
     information = State(("parts", "parts"), meaning="information of the joints")
     match = State("parts", meaning="its product with lambda")
@@ -165,7 +166,11 @@ class FaultDetection(MeanAxesBlock):
         noise = 2.0 * design.rate_noise**2 * np.eye(len(ringing))
         covariance = noise + ringing @ ringing.T + scatter @ scatter.T
         self.precision = np.linalg.inv(covariance[6:, 6:])
-        self.frame_precision = np.linalg.inv(covariance[:6, :6])
+        # Rates times this matrix are in standard deviations of one innovation, with a covariance of two thirds.
+        self.whitening = block_diag(
+            np.linalg.cholesky(1.5 * np.linalg.inv(covariance[:6, :6])),
+            np.linalg.cholesky(1.5 * self.precision),
+        )
         super().__init__(dynamics, design)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -193,12 +198,13 @@ class FaultDetection(MeanAxesBlock):
         change = time * solve_positive_definite(terms.mass_matrix, forces)
         predicted = x.rates + np.sum(change, axis=1) + x.drift
         innovation = u.velocity - predicted
-        joint_innovation = innovation[6:]
+        whitened = innovation @ self.whitening
+        joint_innovation = whitened[6:]
 
         def relative(rest: Array) -> Array:
-            return 1.5 * rest @ self.precision @ rest / max(self.joints, 1)
+            return rest @ rest / max(self.joints, 1)
 
-        effects = change[:, : self.parts].T
+        effects = change[:, : self.parts].T @ self.whitening
         response = x.response + effects - x.drift_response
         settled = x.settling <= 0.0
         steady = np.logical_and(x.residual < 0.5 * UNEXPLAINED, settled)
@@ -210,25 +216,24 @@ class FaultDetection(MeanAxesBlock):
         response = np.where(restart, effects, response)
         drift_response = np.where(restart, 0.0, x.drift_response)
         joint_response = response[:, 6:]
-        weighted = joint_response @ (1.5 * self.precision)
-        information = memory * x.information + weighted @ joint_response.T
-        match = memory * x.match - weighted @ joint_innovation
+        information = memory * x.information + joint_response @ joint_response.T
+        match = memory * x.match - joint_response @ joint_innovation
         # One unit of prior information: without evidence nothing is lost.
-        covariance = solve_positive_definite(
-            information + np.eye(self.parts), np.eye(self.parts)
+        right = np.concatenate(
+            [np.eye(self.parts), np.reshape(match, (self.parts, 1))], axis=1
         )
-        lost = covariance @ match
+        solved = solve_positive_definite(information + np.eye(self.parts), right)
+        covariance, lost = solved[:, : self.parts], solved[:, self.parts]
         residual = MEMORY * x.residual + (1.0 - MEMORY) * relative(
             joint_innovation + lost @ joint_response
         )
         variance = np.maximum(1.0, residual) * np.diag(covariance)
 
         frame = response[:robots, :6]
-        weighted = frame @ (1.5 * self.frame_precision)
         frame_information = FRAME_MEMORY * x.frame_information + np.sum(
-            weighted * frame, axis=1
+            frame**2, axis=1
         )
-        frame_match = FRAME_MEMORY * x.frame_match - weighted @ innovation[:6]
+        frame_match = FRAME_MEMORY * x.frame_match - frame @ whitened[:6]
         frame_lost = frame_match / (1.0 + frame_information)
         frame_variance = np.maximum(1.0, residual) / (1.0 + frame_information)
 
