@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from trussflow.blocks.framework.block import Values
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
@@ -167,10 +166,12 @@ class FaultDetection(MeanAxesBlock):
         covariance = noise + ringing @ ringing.T + scatter @ scatter.T
         self.precision = np.linalg.inv(covariance[6:, 6:])
         # Rates times this matrix are in standard deviations of one innovation, with a covariance of two thirds.
-        self.whitening = block_diag(
-            np.linalg.cholesky(1.5 * np.linalg.inv(covariance[:6, :6])),
-            np.linalg.cholesky(1.5 * self.precision),
-        )
+        self.whitening = np.zeros(covariance.shape)
+        for own, precision in (
+            (slice(0, 6), np.linalg.inv(covariance[:6, :6])),
+            (slice(6, len(covariance)), self.precision),
+        ):
+            self.whitening[own, own] = np.linalg.cholesky(1.5 * precision)
         super().__init__(dynamics, design)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
