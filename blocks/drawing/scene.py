@@ -218,7 +218,7 @@ def figure_of(block: Block, symbol: Symbol, sides: list[list[Row]]) -> Figure:
         caption = f"{symbol.text}\n{symbol.caption}"
         symbol = replace(symbol, text="", caption=caption)
     captions = list(filter(None, symbol.caption.split("\n")))
-    captions += wrapped(f"unused: {', '.join(unused)}").split("\n") * bool(unused)
+    captions += wrapped(f"unused: {', '.join(unused)}") if unused else []
     # Port arithmetic makes names such as multiply_1.
     own = block.function.__name__ if isinstance(block, Operation) else "sum"
     made = isinstance(block, Sum | Operation) and re.fullmatch(

@@ -533,7 +533,7 @@ class Block(Wired, Equations, Described):
     def _symbol(self) -> Symbol:
         text, kind = block_equations(self), type(self)
         summary = (kind.__doc__ or kind.__name__).partition("\n")[0]
-        return Symbol(text, caption="" if text else wrapped(summary))
+        return Symbol(text, caption="" if text else "\n".join(wrapped(summary)))
 
     @property
     def hides(self) -> bool:

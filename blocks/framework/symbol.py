@@ -203,18 +203,18 @@ def equations(function: Callable[..., Any], form: str = "") -> list[str]:
         return []
     if re.search(r"\b_[a-z]", " ".join(texts)):  # a private function says nothing
         return []
-    return wrapped(*texts).split("\n")
+    return wrapped(*texts)
 
 
-def wrapped(*texts: str) -> str:
-    """Return `texts`, each in lines of moderate length."""
+def wrapped(*texts: str) -> list[str]:
+    """Return the lines of `texts`, each of moderate length."""
     lines = (
         textwrap.wrap(
             text, MAX_EQUATION_LENGTH, subsequent_indent="  ", break_long_words=False
         )
         for text in texts
     )
-    return "\n".join(itertools.chain(*lines))
+    return [*itertools.chain(*lines)]
 
 
 def _body(function: Callable[..., Any]) -> list[ast.stmt]:

@@ -28,7 +28,6 @@ from trussflow.blocks.simulation.block_instances import (
     SampledStepping,
 )
 from trussflow.blocks.simulation.executor import (
-    CHUNK_SECONDS,
     CompiledExecutor,
     Executor,
     Point,
@@ -229,7 +228,7 @@ class PythonExecutor(Executor):
             instants = self._instants()
             next(instants)
             self._instant = INSTANT(instants.send)
-        self._span = time.perf_counter() + CHUNK_SECONDS, span, x, d, p
+        self._span = time.perf_counter() + self.span_seconds, span, x, d, p
         computes = self._python.computes.ctypes.data
         progress = inner.advance(span, x, d, p, log, computes, self._instant)
         if self._failed is None:

@@ -73,14 +73,13 @@ class MeasurementGate(MeanAxesBlock):
             np.abs(u.velocity) < MAX_MAGNITUDE, u.velocity, u.mean_speeds
         )
         numbers = np.concatenate([u.position[:frame], u.velocity[:6]])
-        finite = np.sum(np.where(np.abs(numbers) < MAX_MAGNITUDE, 0.0, 1.0)) < 0.5
         pose_error = way_to(kind, u.mean_position, position)[:6]
         rate_error = (velocity - u.mean_speeds)[:6]
         near = np.logical_and(
             np.max(np.abs(pose_error)) < p.position_gate,
             np.max(np.abs(rate_error)) < p.rate_gate,
         )
-        usable = np.logical_and(finite, u.valid > 0.5)
+        usable = np.logical_and(_all_valid(numbers), u.valid > 0.5)
         credible = np.logical_or(near, x.coasting > LONGEST_OUTAGE)
         accepted = np.logical_and(usable, credible)
         pose = np.where(accepted, position[:frame], u.mean_position[:frame])
@@ -117,12 +116,18 @@ class CommandHold(MeanAxesBlock):
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the command, or the last finite one."""
-        invalid = np.sum(np.where(np.abs(u.request) < MAX_MAGNITUDE, 0.0, 1.0))
+        valid = _all_valid(u.request)
         return {
-            "command": np.where(invalid < 0.5, u.request, x.last),
-            "command_valid": np.where(invalid < 0.5, 1.0, 0.0),
+            "command": np.where(valid, u.request, x.last),
+            "command_valid": np.where(valid, 1.0, 0.0),
         }
 
     def update(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Store the command."""
         return {"last": self.output(t, x, u, p)["command"]}
+
+
+def _all_valid(numbers: Array) -> Array:
+    """Return whether all `numbers` are finite and of possible magnitude [any]."""
+    # A sum, as a maximum may leave out NaN.
+    return np.sum(np.where(np.abs(numbers) < MAX_MAGNITUDE, 0.0, 1.0)) < 0.5
