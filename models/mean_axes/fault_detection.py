@@ -26,11 +26,14 @@ RATE_GAIN, DRIFT_GAIN = 0.5, 0.05
 FRAME_RATE_GAIN, FRAME_DRIFT_GAIN = 0.2, 2e-3
 """Gains for the rates of the truss frame, whose vibrations are slower [-]."""
 
-MEMORY, FRAME_MEMORY = 0.95, 0.98
-"""Weight of the evidence of the sample before, of the joints and of the truss frame [-]."""
+MEMORY, RECENT_MEMORY, FRAME_MEMORY = 0.95, 0.8, 0.98
+"""Weight of the evidence of the sample before: of the joints, long and short, and of the truss frame [-]."""
 
 FAILED, WORKING, HELD = 0.65, 0.4, 0.5
 """Lost shares above which a base has failed, below which it works, and above which an arm is held [-]."""
+
+SUDDENLY_FAILED, SUDDEN_THRESHOLD = 0.5, 3.5
+"""Lost share by recent evidence that a base has exceeded, by so many standard deviations [-]."""
 
 MAX_LOST_SHARE = 1.35
 """Lost share of a base above which the cause is none of the hypotheses [-]."""
@@ -63,6 +66,7 @@ class FaultDetection(MeanAxesBlock):
 
     * A base has failed if its lost share is large, significant, and the most significant one of the bases in
       use, in two consecutive samples. Commands of bases are correlated, so their lost shares are, too.
+      Evidence of the last 0.1 s alone suffices if it is clear.
     * An arm that follows neither base nor drives is held, by its brakes or by friction. Its base is tested with
       the innovations of the truss frame alone.
     * If the residual is larger than noise, or more than the whole effect is lost, the cause is none of these,
@@ -122,6 +126,8 @@ class FaultDetection(MeanAxesBlock):
     applied = State("actuators", meaning="Q since the previous sample, without servos")
     information = State(("parts", "parts"), meaning="information of the joints")
     match = State("parts", meaning="its product with lambda")
+    recent_information = State(("parts", "parts"), meaning="the same of 0.1 s")
+    recent_match = State("parts", meaning="its product with lambda")
     frame_information = State("robots", meaning="information of the truss frame")
     frame_match = State("robots", meaning="its product with lambda")
     lost = State("parts", meaning="lambda")
@@ -212,23 +218,31 @@ class FaultDetection(MeanAxesBlock):
         jump = np.logical_and(
             relative(joint_innovation + x.lost @ response[:, 6:]) > JUMP, steady
         )
-        memory = np.where(jump, 0.0, MEMORY)
         restart = np.where(jump, self.joint_rows, 0.0) > 0.5
         response = np.where(restart, effects, response)
         drift_response = np.where(restart, 0.0, x.drift_response)
         joint_response = response[:, 6:]
-        information = memory * x.information + joint_response @ joint_response.T
-        match = memory * x.match - joint_response @ joint_innovation
-        # One unit of prior information: without evidence nothing is lost.
-        right = np.concatenate(
-            [np.eye(self.parts), np.reshape(match, (self.parts, 1))], axis=1
+
+        def estimated(memory: float, information: Array, match: Array) -> list[Array]:
+            kept = np.where(jump, 0.0, memory)
+            information = kept * information + joint_response @ joint_response.T
+            match = kept * match - joint_response @ joint_innovation
+            # One unit of prior information: without evidence nothing is lost.
+            right = np.concatenate(
+                [np.eye(self.parts), np.reshape(match, (self.parts, 1))], axis=1
+            )
+            solved = solve_positive_definite(information + np.eye(self.parts), right)
+            variance = np.diag(solved[:, : self.parts])
+            return [information, match, solved[:, self.parts], variance]
+
+        information, match, lost, variance = estimated(MEMORY, x.information, x.match)
+        recent_information, recent_match, recent, recent_variance = estimated(
+            RECENT_MEMORY, x.recent_information, x.recent_match
         )
-        solved = solve_positive_definite(information + np.eye(self.parts), right)
-        covariance, lost = solved[:, : self.parts], solved[:, self.parts]
         residual = MEMORY * x.residual + (1.0 - MEMORY) * relative(
             joint_innovation + lost @ joint_response
         )
-        variance = np.maximum(1.0, residual) * np.diag(covariance)
+        noise = np.maximum(1.0, residual)
 
         frame = response[:robots, :6]
         frame_information = FRAME_MEMORY * x.frame_information + np.sum(
@@ -236,16 +250,23 @@ class FaultDetection(MeanAxesBlock):
         )
         frame_match = FRAME_MEMORY * x.frame_match - frame @ whitened[:6]
         frame_lost = frame_match / (1.0 + frame_information)
-        frame_variance = np.maximum(1.0, residual) / (1.0 + frame_information)
+        frame_variance = 1.0 / (1.0 + frame_information)
 
-        limit = p.threshold * np.sqrt(variance[robots:])
+        limit = p.threshold * np.sqrt(noise * variance[robots:])
         held = lost[robots:] > np.maximum(HELD, limit)
         share = np.where(held, frame_lost, lost[:robots])
-        spread = np.sqrt(np.where(held, frame_variance, variance[:robots]))
+        spread = np.sqrt(noise * np.where(held, frame_variance, variance[:robots]))
         deviations = share / spread
         possible = np.logical_or(held, share < MAX_LOST_SHARE)
         significant = deviations > np.where(held, FRAME_THRESHOLD, p.threshold)
         likely = np.logical_and(share > FAILED, np.logical_and(significant, possible))
+        recent_limit = SUDDENLY_FAILED + SUDDEN_THRESHOLD * np.sqrt(
+            noise * recent_variance[:robots]
+        )
+        sudden = np.logical_and(
+            recent[:robots] > recent_limit, recent[:robots] < MAX_LOST_SHARE
+        )
+        likely = np.logical_or(likely, np.logical_and(sudden, np.logical_not(held)))
         explained = np.logical_and(residual < UNEXPLAINED, settled)
         likely = np.logical_and(likely, explained)
         rank = np.where(likely, self.testable * (1.0 - x.failed) * deviations, 0.0)
@@ -261,6 +282,8 @@ class FaultDetection(MeanAxesBlock):
             "applied": u.actuation - servo,
             "information": information,
             "match": match,
+            "recent_information": recent_information,
+            "recent_match": recent_match,
             "frame_information": frame_information,
             "frame_match": frame_match,
             "lost": lost,

@@ -82,7 +82,7 @@ def test_a_foreign_importer(case, kind, exported):
         stop_time=max(case.exact),
         output_interval=0.1,
         fmi_type=kind,
-        relative_tolerance=1e-10,
+        relative_tolerance=1e-11,
     )
     # after events
     last = [np.flatnonzero(np.abs(rows["time"] - t) < 1e-9)[-1] for t in case.exact]
