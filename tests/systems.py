@@ -14,6 +14,7 @@ from trussflow.blocks import (
     Constant,
     Diagram,
     Event,
+    Function,
     Gain,
     Input,
     Integrator,
@@ -256,6 +257,18 @@ def ports(**shapes):
     return {"inputs": inputs, "outputs": {last: Output(shapes[last])}}
 
 
+def ball_height(time, restitution=0.8, gravity=10.0, start=1.0):
+    """Return the exact height of a `Ball` that is dropped, and how often it has bounced."""
+    begun, bounces = np.sqrt(2.0 * start / gravity), 0
+    if time < begun:
+        return start - gravity * time**2 / 2.0, bounces
+    speed, flight = gravity * begun, 0.0
+    while begun + flight <= time:
+        begun, speed, bounces = begun + flight, restitution * speed, bounces + 1
+        flight = 2.0 * speed / gravity
+    return speed * (time - begun) - gravity * (time - begun) ** 2 / 2.0, bounces
+
+
 def jacobian(function, x):
     """Return the Jacobian of an analytic function by complex steps, exact to round-off."""
     return np.column_stack(
@@ -345,6 +358,17 @@ def approach(gain=1.0):
 def decay(order=1, rate=1.0):
     """Return a diagram with x' = -rate x, x(0) = 1, for each of some states; `order=()` gives a scalar."""
     return ring("decay", x=Integrator(np.ones(order)), back=Gain(-rate, shape=order))
+
+
+def cubic():
+    """Return y + y^3 = x, dx/dt = -y, from x = 1: a loop that is solved in iterations."""
+    diagram = Diagram("cubic", loops="solve")
+    law = Function(lambda u, back: u - back**3, **ports(u=(), back=(), y=()))
+    state, bent = diagram.add(state=Integrator(1.0), bent=law)
+    state.y >> bent.u
+    bent.y >> bent.back
+    -bent.y >> state.u
+    return diagram
 
 
 def differences(diagram, duration, function, at, change, **settings):

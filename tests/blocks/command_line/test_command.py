@@ -24,7 +24,7 @@ from trussflow.blocks.support import progress
 from trussflow.blocks.tracing import compiler
 from trussflow.blocks.tracing.compile_cache import cache_folder
 from trussflow.command_arguments import ended, json_of
-from trussflow.fmu import Fmu, export
+from trussflow.fmu import export
 
 
 @pytest.fixture
@@ -213,11 +213,6 @@ def test_fmu_tells_what_it_holds(lag, capsys):
     assert "FMI 2" in capsys.readouterr().out
     assert main(["fmu", "inspect", lag, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["u"] == ["u"]
-
-
-def test_new_loop_goes_out_as_an_fmu(tmp_path, loop):
-    assert main(["fmu", "export", loop, str(tmp_path / "loop.fmu")]) == 0
-    assert [port.name for port in Fmu(tmp_path / "loop.fmu").outputs()] == ["angle"]
 
 
 @pytest.mark.filterwarnings("ignore:simulations run in CasADi")

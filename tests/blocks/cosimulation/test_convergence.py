@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from systems import assert_near
+from systems import assert_near, ring
 
-from trussflow.blocks import Diagram, Integrator, StateSpace, cosimulate
+from trussflow.blocks import Integrator, StateSpace, cosimulate
 
 # An oscillator, driven through a lag with direct feedthrough.
 A1, B1, C1 = (
@@ -28,14 +28,6 @@ def lag():
     return StateSpace(A2, B2, C2, D2, initial_value=START[2:])
 
 
-def loop(a, b):
-    diagram = Diagram("oscillator and lag")
-    diagram.add(a=a, b=b)
-    a.y >> b.u
-    b.y >> a.u
-    return diagram
-
-
 def exact():
     whole = np.block([[A1 + B1 @ D2 @ C1, B1 @ C2], [B2 @ C1, A2]])
     x = expm(whole * END) @ START
@@ -55,7 +47,7 @@ def slopes(run):
 def test_error_is_proportional_to_the_step(coupling):
     orders = slopes(
         lambda step: cosimulate(
-            loop(oscillator(), lag()),
+            ring(a=oscillator(), b=lag()),
             END,
             step=step,
             members=["a", "b"],
@@ -69,7 +61,9 @@ def test_error_is_proportional_to_the_step(coupling):
 def test_members_without_output_refresh_are_first_order(stepping):
     found = slopes(
         lambda step: cosimulate(
-            loop(stepping(oscillator(), step), stepping(lag(), step, refreshes=False)),
+            ring(
+                a=stepping(oscillator(), step), b=stepping(lag(), step, refreshes=False)
+            ),
             END,
             step=step,
             coupling="jacobi",
@@ -90,6 +84,6 @@ def test_members_without_output_refresh_are_first_order(stepping):
     ],
 )
 def test_one_step_of_integrators_that_read_each_other(coupling, members, expected):
-    diagram = loop(Integrator(1.0), Integrator(2.0))
+    diagram = ring(a=Integrator(1.0), b=Integrator(2.0))
     result = cosimulate(diagram, 0.5, step=0.5, members=members, coupling=coupling)
     assert (result["a.y"][-1], result["b.y"][-1]) == pytest.approx(expected, rel=1e-9)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from numpy.testing import assert_allclose, assert_array_equal
-from systems import assert_near, ports, ring, series
+from systems import Follower, assert_near, ports, ring
 
 from trussflow.blocks import (
     Constant,
@@ -24,11 +24,9 @@ from trussflow.blocks import (
     cosimulate,
     simulate,
 )
-from trussflow.blocks.cosimulation.fixed_point import NotConvergedError, fixed_point
 from trussflow.blocks.errors import (
     DivergenceError,
     NameLookupError,
-    OpenInputError,
     ParameterError,
     SimulationError,
     SimulationInterrupted,
@@ -172,13 +170,6 @@ def test_inputs_of_blocks_that_step_themselves(stepping):
     assert_allclose(result["own.y"], whole["own.y"], rtol=1e-12, atol=1e-15)
 
 
-class Follower(Integrator):
-    """An integrator that starts at twice its input."""
-
-    def initial_state(self, u, p):
-        return {"integral": 2.0 * u.u}
-
-
 @pytest.mark.parametrize("members", [["first"], ["third", "first"], ["second"]])
 def test_initial_states_that_depend_on_other_members_are_solved(members):
     diagram = Diagram("following")
@@ -189,8 +180,8 @@ def test_initial_states_that_depend_on_other_members_are_solved(members):
     result = cosimulate(diagram, H, step=H, members=members)
     assert [result[f"{name}.y"][0] for name in ("first", "second", "third")] == [
         3.0,
-        6.0,
-        12.0,
+        4.0,
+        5.0,
     ]
 
 
@@ -283,12 +274,6 @@ def test_values_of_blocks_that_step_themselves(settings, message, stepping):
         cosimulate(driven(stepping(plant(), H)), 1.0, step=H, **settings)
 
 
-def test_open_inputs_are_refused(stepping):
-    diagram = series(own=stepping(plant(), H))
-    with pytest.raises(OpenInputError, match=r"'own\.u'"):
-        cosimulate(diagram, 1.0, step=H)
-
-
 def test_a_duration_is_a_whole_number_of_steps():
     """But for round-off, as in a whole run."""
     with pytest.raises(
@@ -301,11 +286,8 @@ def test_a_duration_is_a_whole_number_of_steps():
 
 
 def test_divergence_names_the_signal_and_keeps_the_log():
-    diagram = Diagram("growing")
-    a, b = diagram.add(
-        a=Integrator(1.0), b=Function(lambda u: np.where(u < 5.0, 8.0 * u, np.nan))
-    )
-    a >> b >> a
+    growth = Function(lambda u: np.where(u < 5.0, 8.0 * u, np.nan))
+    diagram = ring(a=Integrator(1.0), b=growth)
     with pytest.raises(
         DivergenceError, match=r"'b\.y' stopped being finite at t = 0\.25 s"
     ) as caught:
@@ -346,19 +328,6 @@ def test_ctrl_c_keeps_the_log(stepping, monkeypatch):
     assert diagram.own.runs[-1].calls[-1] == "close"
     monkeypatch.undo()
     assert len(master.run(1.0)["time"]) == 17
-
-
-def test_fixed_points_of_affine_maps_need_one_round_for_each_direction(rng):
-    matrix = rng.normal(size=(6, 6)) * 2.0  # expanding: plain iteration diverges
-    constant = rng.normal(size=6)
-
-    u, rounds = fixed_point(lambda u: matrix @ u + constant, np.zeros(6), 1e-10, 20)
-    assert_allclose(u, np.linalg.solve(np.eye(6) - matrix, constant), rtol=1e-8)
-    assert rounds <= 9
-    for divergent in (lambda u: u + 1.0, lambda u: u * np.nan):
-        with pytest.raises(NotConvergedError):
-            fixed_point(divergent, np.ones(2), 1e-10, 20)
-    assert fixed_point(lambda u: u, np.zeros(0), 1e-10, 20)[1] == 1
 
 
 @pytest.mark.parametrize("settings", [{"step": H}, {"step": H / 4, "tolerance": 1e-6}])

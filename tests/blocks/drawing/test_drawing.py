@@ -201,17 +201,6 @@ def test_rates_have_colours():
     assert sorted(kinds) == ["rate0", "rate0", "rate1", "rate1"]
 
 
-def test_picture_reads_in_light_dark_and_print():
-    text = nested(0).draw()
-    assert "@media screen and (prefers-color-scheme: dark)" in text
-    assert "http" not in text.replace("http://www.w3.org/2000/svg", "")
-
-
-def test_notebooks_show_pictures():
-    diagram = nested(1)
-    assert diagram._repr_svg_() == diagram.draw()._repr_svg_() == diagram.draw()
-
-
 def test_notebooks_show_the_diagram_of_an_error(monkeypatch):
     """The message is as without; where no diagram is known there is no picture; other processes get none."""
     shown = []

@@ -5,6 +5,7 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
+import systems
 from hypothesis import given
 from hypothesis import strategies as st
 from systems import series
@@ -16,7 +17,6 @@ from trussflow.blocks import (
     Constant,
     Diagram,
     DisturbanceObserver,
-    Event,
     Function,
     Gain,
     Input,
@@ -26,7 +26,6 @@ from trussflow.blocks import (
     Parameter,
     Relay,
     Saturation,
-    State,
     StateSpace,
     Step,
     Sum,
@@ -90,32 +89,7 @@ class Spring(Block):
     _symbol = Symbol("{stiffness} x^(<1>)", caption="soft & <linear>")
 
 
-class Ball(Block):
-    """A block whose equations are its symbol."""
-
-    height = Output()
-    z, v = State(initial=1.0), State()
-    bounce = Event("falling")
-
-    def output(self, t, x, u, p):
-        """Return the height."""
-        return {"height": x.z}
-
-    def derivative(self, t, x, u, p):
-        """Return the rates."""
-        return {"z": x.v, "v": np.array(-9.5)}
-
-    def indicators(self, t, x, u, p):
-        """Return the height."""
-        return {"bounce": x.z}
-
-    def on_event(self, t, x, u, p, fired):
-        """Go back."""
-        back = 0.5 * x.v**2
-        return {"v": back}
-
-
-class Private(Ball):
+class Private(systems.Ball):
     """A block with an equation that says nothing."""
 
     def derivative(self, t, x, u, p):
@@ -188,10 +162,10 @@ def with_a_loop(u):
         (Sum("+-"), ["+", "−"]),
         (Spring(), ["4 x<1>", "soft & <linear>"]),
         (
-            Ball(),
+            systems.Ball(),
             [
-                *("z′ = v", "v′ = −9.5", "height = z", "bounce when 0 = z"),
-                *("back = 0.5·v2", "then v+ = back"),
+                *("z′ = v", "v′ = −10", "height = z", "speed = v"),
+                *("floor when 0 = z", "then z+ = 0", "v+ = −0.5·v"),
             ],
         ),
         (Private(), ["A block with an equation that says nothing."]),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from random_diagrams import build
-from systems import Ball, Counter, Level, assert_near, ring, series
+from systems import Ball, Counter, Level, assert_near, series
 
 from trussflow.blocks import (
     Constant,
@@ -21,7 +21,6 @@ from trussflow.blocks import (
     Ramp,
     Relay,
     State,
-    StateMachine,
     StateSpace,
     TransportDelay,
     VariableDelay,
@@ -34,11 +33,6 @@ from trussflow.models.transport import Mission, transport_diagram
 def events():
     diagram = series(ball=Ball(restitution=0.93))
     return diagram, ["ball.height", "ball.speed"], ("ball.restitution", 0.95)
-
-
-def hysteresis():
-    diagram = ring(relay=Relay(0.1, -0.1, on=-1.0, off=1.0), heat=Integrator())
-    return diagram, ["heat.y", "relay.y"], ("relay.on", -2.0)
 
 
 def sampled():
@@ -82,20 +76,6 @@ def noise():
     return diagram, ["wind.y", "lag.y"], ("wind.standard_deviation[1]", 4.0)
 
 
-def machine():
-    diagram = Diagram("machine")
-    go, near, logic = diagram.add(
-        go=Pulse(2.0, 0.3, high=1.0),
-        near=Pulse(3.0, 0.5, high=1.0),
-        logic=StateMachine(
-            {"idle": {"go": "move"}, "move": {"near": "idle"}}, sample_time=0.1
-        ),
-    )
-    go >> logic.go
-    near >> logic.near
-    return diagram, ["logic.mode", "logic.active"], ("go.high", 0.2)
-
-
 def delays():
     diagram = Diagram("delays")
     relay, late, heat, slope, later = diagram.add(
@@ -132,9 +112,7 @@ def initial():
     return diagram, ["lag.y"], ("lag.start", 0.3)
 
 
-@pytest.mark.parametrize(
-    "make", [events, hysteresis, sampled, solved_loop, machine, initial, noise, delays]
-)
+@pytest.mark.parametrize("make", [events, sampled, solved_loop, initial, noise, delays])
 def test_runs_are_equal_bit_by_bit(make, window, unfused, tmp_path):
     diagram, log, (name, value) = make()
     settings = {"signals": log, "parameters": [name], "duration": 9.5, "step": 0.01}

@@ -4,7 +4,7 @@ import control
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from systems import DrivenPendulum, ring
+from systems import DrivenPendulum, ports, ring
 
 from trussflow.blocks import (
     Constant,
@@ -148,10 +148,8 @@ def iterated():
     diagram = Diagram("iterated", loops="solve")
     lag, one, two = diagram.add(
         lag=Integrator(),
-        one=Function(
-            lambda x, v: np.tanh(v) - x, {"x": Input(), "v": Input()}, {"y": Output()}
-        ),
-        two=Function(lambda y: 0.5 * np.cos(y), {"y": Input()}, {"v": Output()}),
+        one=Function(lambda x, v: np.tanh(v) - x, **ports(x=(), v=(), y=())),
+        two=Function(lambda y: 0.5 * np.cos(y), **ports(y=(), v=())),
     )
     lag.y >> one.x
     two.v >> one.v

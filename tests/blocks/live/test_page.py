@@ -27,10 +27,8 @@ from trussflow.blocks import (
     Diagram,
     Function,
     Gain,
-    Input,
     Integrator,
     Noise,
-    Output,
     Parameter,
     Step,
     StopWhen,
@@ -214,10 +212,7 @@ def test_a_kept_run_stays_behind_until_it_is_forgotten(pid_page, window):
 
 
 def test_divergence_names_state_and_time(window, tmp_path):
-    diagram = ring(
-        square=Function(lambda u: u**2, {"u": Input()}, {"y": Output()}),
-        x=Integrator(0.5),
-    )
+    diagram = ring(square=Function(np.square), x=Integrator(0.5))
     window.open(diagram.live(tmp_path / "page.html", duration=5.0, step=0.01))
     # x = 1 / (2 - t)
     said = re.search(

@@ -20,12 +20,7 @@ from trussflow.blocks import (
     TimeFunction,
     simulate,
 )
-from trussflow.blocks.errors import (
-    DivergenceError,
-    SimulationError,
-    SimulationInterrupted,
-    TimeLimitError,
-)
+from trussflow.blocks.errors import DivergenceError, SimulationError, TimeLimitError
 from trussflow.blocks.simulation import run as run_module
 from trussflow.blocks.simulation.adaptive import IMPLICIT, METHODS
 from trussflow.blocks.support.progress import RunBar
@@ -88,15 +83,6 @@ def test_stages_see_their_own_time(backend):
     assert_allclose(result["block.y"], result.time**4, rtol=1e-14)
 
 
-@pytest.mark.parametrize("solver", METHODS)
-def test_tolerance_is_met_at_all_logged_instants(solver):
-    result = simulate(
-        linear(A), 5.0, solver=solver, backend="interpreted", log_step=0.5, **PRECISE
-    )
-    exact = [scipy.linalg.expm(t * A) @ np.ones(3) for t in result.time.values]
-    assert_near(result["block.y"], exact, GLOBAL_TOLERANCE)
-
-
 @pytest.mark.parametrize("solver", IMPLICIT)
 @pytest.mark.parametrize("backend", ["numpy", "interpreted"])
 def test_stiff_linear_system(solver, backend):
@@ -106,20 +92,6 @@ def test_stiff_linear_system(solver, backend):
     )
     exact = scipy.linalg.expm(stiff) @ np.ones(3)
     assert_near(result["block.y"][-1], exact, GLOBAL_TOLERANCE)
-
-
-def test_stiff_solvers_agree_on_van_der_pol():
-    """Through a fast transition, where an explicit solver would crawl."""
-    diagram, settings = (
-        diagram_of(VanDerPol()),
-        PRECISE | {"backend": "interpreted", "log_step": 100.0},
-    )
-    first, *others = [
-        simulate(diagram, 100.0, solver=solver, **settings)["block.y"].values[-1]
-        for solver in IMPLICIT
-    ]
-    # the phase error of the transition
-    assert_allclose(others, [first] * len(others), rtol=1e-4)
 
 
 class Sliding(VanDerPol):
@@ -170,7 +142,7 @@ def test_a_run_can_be_ended_between_steps(error, monkeypatch):
             raise error
 
     monkeypatch.setattr(RunBar, "update", update)
-    with pytest.raises((TimeLimitError, SimulationInterrupted)) as ended:
+    with pytest.raises(error) as ended:
         simulate(diagram_of(VanDerPol()), 100.0, solver="Rodas5P", log_step=100.0)
     assert ended.value.result.sizes["time"] == 1
 

@@ -4,31 +4,10 @@ import warnings
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
-from systems import series
 
 from trussflow.blocks import Diagram, Integrator, Session, StateSpace, Step, simulate
 from trussflow.blocks.errors import SimulationWarning
 from trussflow.blocks.simulation.solver import FIXED_STEP
-
-
-@pytest.mark.parametrize("solver", FIXED_STEP)
-def test_a_step_is_the_one_of_its_formula(solver, backend):
-    """Also in C, where solvers have numbers: one step after the other, of an oscillator."""
-    A, h = np.array([[0.0, 1.0], [-4.0, -0.5]]), 0.3
-    diagram = series(plant=StateSpace(A, np.zeros((2, 0)), np.eye(2)))
-    found = simulate(
-        diagram,
-        3 * h,
-        initial={"plant.x": [1.0, 2.0]},
-        step=h,
-        solver=solver,
-        backend=backend,
-    )
-    x = np.array([1.0, 2.0])
-    for values in found["plant.y"].values:
-        assert_allclose(values, x, rtol=1e-12)
-        x = FIXED_STEP[solver](lambda _, x: A @ x, (0.0, h / 2, h), h, x)
 
 
 @pytest.mark.parametrize("solver", FIXED_STEP)

@@ -2,7 +2,6 @@
 
 from itertools import product
 
-import campaign
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -12,14 +11,12 @@ from trussflow.blocks import (
     Block,
     Diagram,
     Event,
-    Function,
     Gain,
     Input,
     Integrator,
     Mode,
     Output,
     Ramp,
-    State,
     TimeFunction,
     UnitDelay,
     ZeroOrderHold,
@@ -33,23 +30,6 @@ TICK = 0.01
 
 
 class PythonGain(Gain):
-    traced = False
-
-
-class Filter(Block):
-    """A sampled block with a state and direct feedthrough."""
-
-    u, y = Input(), Output()
-    s = State()
-
-    def output(self, t, x, u, p):
-        return {"y": x.s + u.u}
-
-    def update(self, t, x, u, p):
-        return {"s": 0.5 * x.s + u.u}
-
-
-class PythonFilter(Filter):
     traced = False
 
 
@@ -73,70 +53,6 @@ def test_sampled_feedback_is_exact(solver, backend, gain):
         loop, 1.0, step=0.05, log_step=0.1, solver=solver, backend=backend
     )
     assert_near(result["integral.y"], 0.8 ** np.arange(11), ROUND_OFF)
-
-
-def by_hand(ratios, offsets, last):
-    """Return what the filters of the chain below hold at each tick, in integer ticks."""
-    held, states = [0.0] * len(ratios), [0.0] * len(ratios)
-    rows = []
-    for k in range(last + 1):
-        signal, following = (k * TICK) ** 2 + 1.0, list(states)
-        for i, (ratio, offset) in enumerate(zip(ratios, offsets, strict=True)):
-            u = 2.0 * signal + 1.0
-            if k >= offset and (k - offset) % ratio == 0:
-                held[i], following[i] = states[i] + u, 0.5 * states[i] + u
-            signal = held[i]
-        states = following
-        rows.append(list(held))
-    return np.array(rows)
-
-
-def chain(ratios, offsets, python):
-    """Return square -> affine -> filter -> affine -> filter -> affine -> filter."""
-    diagram = Diagram("chain")
-    before = diagram.add(square=squared_time())
-    for i, (ratio, offset) in enumerate(zip(ratios, offsets, strict=True)):
-        kind = PythonFilter if python[i] else Filter
-        affine, sampled = diagram.add(
-            **{
-                f"a{i}": Function(lambda u: 2.0 * u + 1.0),
-                f"f{i}": kind().sampled(ratio * TICK, offset * TICK),
-            }
-        )
-        before >> affine >> sampled
-        before = sampled
-    return diagram
-
-
-CASES = [
-    ((3, 2, 7), (1, 0, 4), solver, backend, python)
-    for solver, backend in [*product(("rk4",), BACKENDS), ("Rodas5P", "numpy")]
-    for python in [(False, False, False), (True, False, True)]
-]
-PRODUCT = product(
-    ((3, 2, 7), (7, 2, 3)),
-    ((0, 0, 0), (1, 0, 4), (2, 1, 6)),
-    ["rk4"],
-    ["interpreted"],
-    product((False, True), repeat=3),
-)
-
-
-@pytest.mark.parametrize(
-    "ratios, offsets, solver, backend, python",
-    [*CASES, *(campaign.only(*case) for case in PRODUCT)],
-)
-def test_multirate_chain_is_exact(ratios, offsets, solver, backend, python):
-    offsets, last = (
-        tuple(o % r for o, r in zip(offsets, ratios, strict=True)),
-        2 * 3 * 7 + 5,
-    )
-    diagram = chain(ratios, offsets, python)
-    result = simulate(
-        diagram, last * TICK, step=TICK, log_step=TICK, solver=solver, backend=backend
-    )
-    rows = np.stack([result[f"f{i}.y"] for i in range(3)], axis=1)
-    assert_allclose(rows, by_hand(ratios, offsets, last), rtol=ROUND_OFF)
 
 
 @pytest.mark.parametrize(

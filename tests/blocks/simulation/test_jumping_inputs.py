@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from systems import ports, series
 
 from trussflow.blocks import (
     Block,
-    Diagram,
     Event,
     Input,
     Output,
@@ -63,17 +63,11 @@ class Relay(Block):
 @pytest.mark.parametrize("python", [False, True])
 def test_sampled_inputs_that_jump_cause_events(solver, python):
     """Sampled every 0.25 s, a sign that changes at 0.6 s is seen at 0.75 s: 0.75 - 0.25."""
-    diagram = Diagram("relay")
-    source, relay = diagram.add(
-        source=Step(0.6, initial_value=1.0, final_value=-1.0), relay=Relay()
-    )
     hold = ZeroOrderHold(0.25)
     if python:
-        hold = PythonFunction(
-            lambda u: u, 0.25, inputs={"u": Input()}, outputs={"y": Output()}
-        )
-    diagram.add(hold=hold)
-    source >> diagram.hold >> relay
+        hold = PythonFunction(lambda u: u, 0.25, **ports(u=(), y=()))
+    source = Step(0.6, initial_value=1.0, final_value=-1.0)
+    diagram = series(source=source, hold=hold, relay=Relay())
     result = simulate(diagram, 1.0, step=0.05, solver=solver)
     assert result["relay.y"].values[-1] == pytest.approx(0.5, abs=1e-12)
 

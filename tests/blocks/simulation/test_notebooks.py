@@ -6,12 +6,10 @@ import control
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from systems import decay, ring, series
 
 from trussflow.blocks import (
     Constant,
-    Diagram,
     Gain,
     Integrator,
     OperatingPoint,
@@ -59,23 +57,6 @@ def test_figure_stays_in_its_window(result):
     with pytest.raises(NotImplementedError):
         figure._ipython_display_()
     assert plt.fignum_exists(figure.number)
-    plt.close(figure)
-
-
-def test_result_plots_itself(result):
-    figure = result.trussflow.plot("x.y")
-    assert isinstance(figure, Figure)
-    (line,) = figure.axes[0].lines
-    assert line.get_ydata().tolist() == result["x.y"].values.tolist()
-    plt.close(figure)
-
-
-def test_label_has_each_unit_once():
-    block = Integrator([0.0, 1.0, 2.0], unit=("m", "m", "rad"))
-    diagram = Diagram("mixed")
-    diagram.ground(diagram.add(x=block).u)
-    figure = plot(simulate(diagram, 0.1, step=0.1))
-    assert figure.axes[0].get_ylabel() == "[m, rad]"
     plt.close(figure)
 
 

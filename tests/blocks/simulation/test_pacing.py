@@ -4,13 +4,11 @@ import time
 
 import numpy as np
 import pytest
+from systems import ports, series
 
 from trussflow.blocks import (
     Constant,
-    Diagram,
-    Input,
     Integrator,
-    Output,
     PythonFunction,
     Session,
     Sine,
@@ -48,17 +46,15 @@ def wall(monkeypatch):
 
 def watched(wall, sample_time, busy=lambda _: 0.0):
     """Return a diagram whose block notes simulated and wall time, and works for some wall time."""
-    diagram, seen = Diagram("watched"), []
+    seen = []
 
     def note(t):
         seen.append((float(t), wall.now - 100.0))
         wall.work(busy(float(t)))
         return t
 
-    ports = {"inputs": {"t": Input()}, "outputs": {"y": Output()}}
-    one, clock = diagram.add(one=Constant(1.0), clock=Integrator())
-    one >> clock >> diagram.add(note=PythonFunction(note, sample_time, **ports))
-    return diagram, seen
+    note = PythonFunction(note, sample_time, **ports(t=(), y=()))
+    return series("watched", one=Constant(1.0), clock=Integrator(), note=note), seen
 
 
 @pytest.mark.parametrize("solver", [{"step": 0.05}, {"solver": "RK45"}])
@@ -95,16 +91,14 @@ def test_a_late_run_warns(wall):
 
 @pytest.mark.parametrize("settings", [{"step": 0.05}, {"solver": "RK45"}])
 def test_each_step_waits(wall, settings):
-    diagram = Diagram("steps")
-    diagram.add(sine=Sine(1.0, 20.0)) >> diagram.add(x=Integrator())
+    diagram = series("steps", sine=Sine(1.0, 20.0), x=Integrator())
     result = simulate(diagram, 1.0, pace=1.0, **settings)
     assert len(wall.waits) == result.attrs.get("steps", 20)
     assert sum(wall.waits) == pytest.approx(1.0)
 
 
 def test_short_steps_are_taken_in_groups_of_a_millisecond(wall):
-    diagram = Diagram("short")
-    diagram.add(one=Constant(1.0)) >> diagram.add(x=Integrator())
+    diagram = series("short", one=Constant(1.0), x=Integrator())
     simulate(diagram, 0.1, step=1e-4, pace=np.float32(2.0))
     assert len(wall.waits) == pytest.approx(0.05 / PACED_SECONDS, abs=1)
     assert sum(wall.waits) == pytest.approx(0.05)
@@ -112,8 +106,7 @@ def test_short_steps_are_taken_in_groups_of_a_millisecond(wall):
 
 @pytest.mark.parametrize("settings", [{"step": 0.01}, {"solver": "RK45"}])
 def test_a_session_keeps_pace_from_its_start_and_from_a_snapshot(wall, settings):
-    diagram = Diagram("session")
-    diagram.add(one=Constant(1.0)) >> diagram.add(x=Integrator())
+    diagram = series("session", one=Constant(1.0), x=Integrator())
     with Session(diagram, **settings) as session:
         assert session.pacer is None
         session.start(pace=2.0, time=3.0)
@@ -133,8 +126,7 @@ def test_a_session_keeps_pace_from_its_start_and_from_a_snapshot(wall, settings)
 
 
 def test_a_pace_is_a_positive_number():
-    diagram = Diagram("d")
-    diagram.add(one=Constant(1.0)) >> diagram.add(x=Integrator())
+    diagram = series("d", one=Constant(1.0), x=Integrator())
     with pytest.raises(SimulationError, match="pace = 0 must be a positive"):
         simulate(diagram, 1.0, step=0.1, pace=0)
     with pytest.raises(SimulationError, match="pace = -1 must be a positive"):
@@ -142,8 +134,7 @@ def test_a_pace_is_a_positive_number():
 
 
 def test_the_real_clock():
-    diagram = Diagram("real")
-    diagram.add(one=Constant(1.0)) >> diagram.add(x=Integrator())
+    diagram = series("real", one=Constant(1.0), x=Integrator())
     with Session(diagram, step=0.01) as session:
         session.start(pace=1.0)
         begin = time.perf_counter()

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from systems import Time, assert_near, series
+from systems import Time, assert_near, ports, ring, series
 
 from trussflow.blocks import (
     Block,
@@ -168,10 +168,8 @@ def test_ctrl_c_ends_steps_in_c_between_python_blocks(monkeypatch):
             end.start()
         return abs(u)
 
-    diagram = Diagram("slow")
-    ports = {"inputs": {"u": Input()}, "outputs": {"y": Output()}}
-    x, law = diagram.add(x=Integrator(1.0), law=PythonFunction(started, 1e-2, **ports))
-    x >> law >> x
+    law = PythonFunction(started, 1e-2, **ports(u=(), y=()))
+    diagram = ring(x=Integrator(1.0), law=law)
     lost = []
     monkeypatch.setattr(sys, "unraisablehook", lost.append)
     with Session(diagram, step=1e-5) as session:
@@ -196,10 +194,8 @@ def test_a_time_limit_holds_if_a_block_becomes_slow(backend):
             time.sleep(0.03)
         return t
 
-    diagram = Diagram("slow")
-    ports = {"inputs": {"t": Input()}, "outputs": {"y": Output()}}
-    one, clock = diagram.add(one=Constant(1.0), clock=Integrator())
-    one >> clock >> diagram.add(law=PythonFunction(law, 0.01, **ports))
+    slowing = PythonFunction(law, 0.01, **ports(t=(), y=()))
+    diagram = series(one=Constant(1.0), clock=Integrator(), law=slowing)
     simulator = Simulator(diagram, step=0.01, backend=backend)
     with pytest.raises(TimeLimitError) as error:
         simulator.run(6.0, time_limit=0.5, progress=False)

@@ -76,12 +76,6 @@ class Counter(Block):
         return {"y": ()}
 
 
-class SecretiveRun(CounterRun):
-    """It cannot hand over what it hides."""
-
-    restores = False
-
-
 def loop(python):
     diagram = Diagram("loop")
     time, python = diagram.add(time=Time(), python=python.sampled(0.1))
@@ -161,25 +155,6 @@ def test_one_simulator_runs_in_many_threads_at_once(backend, python):
         assert all(
             one.equals(other) for one, other in zip(expected, found, strict=True)
         )
-
-
-def test_a_block_that_cannot_hand_over_its_memory_is_named():
-    with Session(
-        loop(Counter(run=SecretiveRun)), step=STEP, backend="numpy"
-    ) as session:
-        session.advance(0.1)
-        with pytest.raises(
-            SimulationError, match=r"cannot save: block 'python' \(Counter\)"
-        ):
-            session.save()
-
-
-def test_update_is_called_without_declared_states_too():
-    with Session(
-        loop(Counter()), step=STEP, backend="numpy", outputs=["python.y"]
-    ) as session:
-        session.advance(0.2 + STEP)
-        assert_allclose(session.outputs["python.y"], np.tanh(0.1), rtol=1e-15)
 
 
 class Scaled(Counter):

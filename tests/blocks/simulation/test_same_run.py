@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from systems import series
 
-from trussflow.blocks import Block, Diagram, Function, Input, Output, Simulator, Sine
+from trussflow.blocks import Block, Diagram, Function, Output, Simulator, Sine
 from trussflow.blocks.errors import SimulationError, TimeLimitError
 
 
@@ -14,12 +14,12 @@ def test_runs_of_other_logged_equations_and_other_starts_of_loops_are_not_resume
     tmp_path,
 ):
     def changed(gain, start):
-        diagram, path = Diagram("d", loops="solve"), ({"u": Input()}, {"y": Output()})
+        diagram = Diagram("d", loops="solve")
         sine, logged, loop, back = diagram.add(
             sine=Sine(1.0),
-            logged=Function(lambda u: gain * u, *path),
-            loop=Function(lambda u: 2.0 * np.tanh(2.0 * u), *path),
-            back=Function(lambda u: u, *path),
+            logged=Function(lambda u: gain * u),
+            loop=Function(lambda u: 2.0 * np.tanh(2.0 * u)),
+            back=Function(lambda u: u),
         )
         sine >> logged
         loop >> back >> loop

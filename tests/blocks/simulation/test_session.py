@@ -5,19 +5,10 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal, assert_equal
-from systems import Controller, HiddenSum, Lag, Pendulum, Time, assert_near
+from systems import Controller, HiddenSum, Pendulum, assert_near
 
-from trussflow.blocks import (
-    Block,
-    Diagram,
-    Input,
-    Output,
-    Session,
-    Simulator,
-    TimeFunction,
-)
-from trussflow.blocks.errors import NameLookupError, ParameterError
-from trussflow.blocks.framework.run_state import SelfStepping
+from trussflow.blocks import Diagram, Session, Simulator, TimeFunction
+from trussflow.blocks.errors import ParameterError
 from trussflow.blocks.simulation.solver import FIXED_STEP
 
 # clocks that do and do not meet the points
@@ -138,16 +129,6 @@ def test_points_off_the_grid_cost_no_accuracy_and_move_no_instant(backend):
     assert_near(torques[1], torques[0], 1e-6)
 
 
-def test_adaptive_session_follows_the_exact_solution():
-    """dx/dt = -x + u, u = 0 then 1; the points lie on no grid."""
-    with Session(Lag(start=1.0), solver="DOP853", backend="numpy") as session:
-        session.advance(np.pi / 4)
-        session.set(u=1.0)
-        session.advance(np.exp(1.0))
-        exact = 1.0 + (np.exp(-np.pi / 4) - 1.0) * np.exp(np.pi / 4 - np.exp(1.0))
-        assert session.outputs["y"] == pytest.approx(exact, abs=ADAPTIVE_TOLERANCE)
-
-
 def test_outputs_follow_inputs_at_once():
     with Session(loop(python=HiddenSum(2)), step=STEP, backend="numpy") as session:
         before = session.outputs
@@ -163,40 +144,6 @@ def test_outputs_follow_inputs_at_once():
         assert np.abs(count).min() > 0.1
         session.advance(0.1 + STEP)  # to look at it in advance has changed nothing
         assert_array_equal(session.outputs["count"], count)
-
-
-def test_blocks_that_step_themselves_begin_with_the_inputs_of_their_first_step():
-    """Also if its outputs were read before these were set."""
-
-    class Model(SelfStepping):
-        def start(self, time, inputs):
-            self.first = self.inputs = inputs.copy()
-
-        def set(self, inputs, rates=None):
-            self.inputs = inputs.copy()
-
-        def advance(self, now, until): ...
-
-        def outputs(self):
-            return np.concatenate([self.first, self.inputs])
-
-    class SteppingItself(Block):
-        traced, steps_itself = False, True
-        u = Input()
-        y = Output((2,))
-
-        def open(self, p):
-            return Model()
-
-    with Session(SteppingItself().sampled(0.1), step=0.1, backend="numpy") as session:
-        for until, value, shown in (
-            (0.0, 1.0, [1.0, 1.0]),
-            (0.1, 2.0, [2.0, 2.0]),
-            (0.2, 3.0, [2.0, 3.0]),
-        ):
-            session.set(u=value)
-            assert_array_equal(session.outputs["y"], shown)
-            session.advance(until)
 
 
 def test_single_block_with_inputs_at_the_start():
@@ -221,22 +168,6 @@ def test_single_block_with_inputs_at_the_start():
     assert not session.started
 
 
-def test_session_that_begins_later_samples_from_there_on(solver):
-    """Sampled every 0.04 s from 0.13 s on, while the equations see the time itself."""
-    diagram = loop()
-    clock = diagram.add(clock=Time())
-    diagram.expose(now=clock.y)
-    session = Session(diagram, step=STEP, solver=solver, backend="numpy")
-    session.start(time=0.13, inputs={"goal": 0.0})
-    torques = [session.outputs["torque"]]
-    for k in range(1, 10):
-        session.advance(0.13 + k * STEP)
-        session.set(goal=k)
-        assert_allclose(session.outputs["now"], 0.13 + k * STEP, rtol=ROUND_OFF)
-        torques.append(session.outputs["torque"])
-    assert [k for k in range(1, 10) if np.any(torques[k] != torques[k - 1])] == [4, 8]
-
-
 def test_tuned_parameter_counts_from_now_on():
     """Tuning equals a run with that value, started from the state of that time."""
     session, other = (Session(Pendulum(), step=STEP, backend="compiled") for _ in "ab")
@@ -256,22 +187,3 @@ def test_tuned_parameter_counts_from_now_on():
             ParameterError, match=r"'stiffness' of block 'Pendulum' is -1\.0; it m"
         ):
             session.tune({"Pendulum.stiffness": -1.0})
-        with pytest.raises(
-            NameLookupError, match=r"no parameter 'Pendulum\.mass'; the parameters"
-        ):
-            session.tune({"Pendulum.mass": 1.0})
-
-
-def test_twins_do_not_touch_each_other():
-    first = Session(loop(), step=STEP)
-    second, alone = first.twin(), first.twin()
-    with first, second, alone:
-        for session, goal in ((first, 1.0), (second, -1.0)):
-            session.set(goal=goal)
-        for k in range(1, 20):
-            for session in (first, second):
-                session.advance(float(k * POINT))
-        alone.set(goal=-1.0)
-        alone.advance(0.95)
-        assert_array_equal(second.outputs["angle"], alone.outputs["angle"])
-        assert np.any(first.outputs["angle"] != second.outputs["angle"])

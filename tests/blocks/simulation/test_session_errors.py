@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from systems import Level, series
+from systems import Level, ports, series
 
-from trussflow.blocks import Function, Input, Output, Session, State
+from trussflow.blocks import Function, Session, State
 from trussflow.blocks.errors import (
     DivergenceError,
     NameLookupError,
@@ -18,7 +18,7 @@ STEP = 0.01
 
 
 def pair():
-    return Function(lambda goal: 2.0 * goal, {"goal": Input(2)}, {"y": Output(2)})
+    return Function(lambda goal: 2.0 * goal, **ports(goal=2, y=2))
 
 
 class Bad(Level):

@@ -12,7 +12,6 @@ from systems import assert_near, series
 from trussflow.blocks import (
     Block,
     Constant,
-    Diagram,
     Event,
     Function,
     Gain,
@@ -52,10 +51,7 @@ def path(request, tmp_path):
 
 
 def lag(source):
-    diagram = Diagram("lag")
-    source, i = diagram.add(source=source, i=Integrator())
-    source >> i
-    return diagram
+    return series(source=source, i=Integrator())
 
 
 class Alarm(Block):

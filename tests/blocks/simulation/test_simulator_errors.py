@@ -17,11 +17,9 @@ from trussflow.blocks import (
     Diagram,
     Function,
     Gain,
-    Input,
     Integrator,
     Output,
     Parameter,
-    PythonFunction,
     Session,
     State,
     TimeFunction,
@@ -34,7 +32,6 @@ from trussflow.blocks.errors import (
     NameLookupError,
     ParameterError,
     SimulationError,
-    SimulationInterrupted,
 )
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
@@ -265,27 +262,6 @@ def test_overrides_are_checked(settings, cause, message):
 def test_only_diagrams_can_be_simulated(what):
     with pytest.raises(DiagramError, match="it is not a Diagram"):
         simulate(what, 1.0, step=0.1)
-
-
-def interrupt(t):
-    """Press Ctrl-C."""
-    if t > 0.35:
-        raise KeyboardInterrupt
-    return t
-
-
-def test_interrupted_run_keeps_its_log(solver):
-    diagram = grower()
-    ports = {"inputs": {"u": Input()}, "outputs": {"y": Output()}}
-    diagram.add(time=systems.Time()) >> diagram.add(
-        block=PythonFunction(interrupt, 0.1, **ports)
-    )
-    with pytest.raises(SimulationInterrupted, match=r"stopped at t = 0\.4 s") as error:
-        simulate(diagram, 1.0, step=0.1, log_step=0.1, solver=solver, backend="numpy")
-    result = error.value.result
-    assert_near(result.time, [0.0, 0.1, 0.2, 0.3], 1e-12)
-    assert result.attrs["status"] == "interrupted"
-    assert isinstance(error.value, KeyboardInterrupt)
 
 
 SCRIPT = """

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
-from systems import Ball, assert_near, ports, series
+from systems import Ball, assert_near, cubic, ports, series
 
 from trussflow.blocks import (
     Block,
@@ -21,7 +21,6 @@ from trussflow.blocks import (
     Session,
     Sine,
     Switch,
-    ZeroOrderHold,
     simulate,
 )
 from trussflow.blocks.control.bounded_least_squares import bounded_least_squares
@@ -49,18 +48,6 @@ def values(diagram, *names, duration=1.0, step=0.1, **settings):
         step = None
     result = simulate(diagram, duration, step=step, **settings)
     return np.stack([result[name].values for name in names])
-
-
-def cubic():
-    """Return y + y^3 = x, dx/dt = -y."""
-    diagram = Diagram("cubic", loops="solve")
-    state, bent = diagram.add(
-        state=Integrator(1.0), bent=law(lambda u, back: u - back**3, "u", "back")
-    )
-    state.y >> bent.u
-    bent.y >> bent.back
-    -bent.y >> state.u
-    return diagram
 
 
 def circle(y, *inputs):
@@ -116,9 +103,7 @@ def test_a_vector_of_many_signals(backend, rng):
     units = 10.0 ** rng.uniform(-6.0, 6.0, 12)
     matrix = units[:, None] * rng.uniform(-1.0, 1.0, (12, 12)) / units
     diagram = Diagram("vector", loops="solve")
-    law = diagram.add(
-        law=Function(lambda y: units - matrix @ y, {"y": Input(12)}, {"z": Output(12)})
-    )
+    law = diagram.add(law=Function(lambda y: units - matrix @ y, **ports(y=12, z=12)))
     law.z >> law.y
     z = values(diagram, "law.z", backend=backend, duration=0.1)[0, -1] / units
     assert_near(z, np.linalg.solve(np.eye(12) + matrix, units) / units, 1e4 * ROUND_OFF)
@@ -173,23 +158,6 @@ def test_a_sampled_loop(backend):
     x, y = values(diagram, "state.y", "bent.y", backend=backend)
     assert_near(y[::2] + (x + y)[::2] ** 3, 0.0, ROUND_OFF)
     assert_array_equal(y[1::2], y[:-1:2])
-
-
-def test_a_loop_within_one_rate_beside_others(backend):
-    """Two gains of one rate in a ring, fed by a hold of another: y = u / (1 - 0.25)."""
-    diagram = Diagram("rates", loops="solve")
-    ramp, hold, a, b = diagram.add(
-        ramp=Ramp(1.0),
-        hold=ZeroOrderHold(0.3),
-        a=Gain(0.5).sampled(0.2),
-        b=Gain(0.5).sampled(0.2),
-    )
-    ramp >> hold
-    (hold.y + b.y) >> a
-    a >> b
-    (y,) = values(diagram, "a.y", backend=backend, duration=1.2)
-    held = np.array([0, 0, 0, 0, 0.3, 0.3, 0.6, 0.6, 0.6, 0.6, 0.9, 0.9, 1.2])
-    assert_near(y, 0.5 * held / 0.75, ROUND_OFF)
 
 
 @pytest.mark.parametrize("start", [1.0, -1.0])

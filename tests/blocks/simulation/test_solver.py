@@ -13,7 +13,6 @@ from trussflow.blocks import (
     simulate,
 )
 from trussflow.blocks.errors import SimulationError
-from trussflow.blocks.simulation.solver import Solver
 
 
 def growth():
@@ -63,11 +62,10 @@ def test_settings_that_resemble_nothing_are_named_too():
             "unknown solver 'rk5'; choose from: rk4, euler, RK45",
         ),
         ({"step": 0.1, "backend": "fast"}, "unknown backend 'fast'; choose from: auto"),
+        ({"solver": "BDF"}, "no solver 'BDF' .* use 'Rodas5P'"),
         ({}, r"solver 'rk4' needs a step, such as step=1e-3"),
     ],
 )
 def test_settings_that_make_no_sense(settings, message):
-    with pytest.raises(SimulationError, match=message):
-        Solver(**settings)
     with pytest.raises(SimulationError, match=message):
         USERS["simulate"](**settings)

@@ -39,6 +39,7 @@ VALUES = (
     np.bool_(True),
     np.complex64(1 - 2j),
     {np.int32(1): [np.uint8(255)]},
+    [math.nan, math.inf, -0.0],
     [],
     (),
     {},
@@ -46,34 +47,10 @@ VALUES = (
 )
 
 
-def same(a, b):
-    if isinstance(a, np.ndarray):
-        return type(a) is type(b) and (a.dtype, a.shape, a.tobytes()) == (
-            b.dtype,
-            b.shape,
-            b.tobytes(),
-        )
-    if isinstance(a, list | tuple):
-        return type(a) is type(b) and len(a) == len(b) and all(map(same, a, b))
-    if isinstance(a, dict):
-        return (
-            isinstance(b, dict)
-            and list(a) == list(b)
-            and all(same(a[k], b[k]) for k in a)
-        )
-    return type(a) is type(b) and a == b
-
-
 @pytest.mark.parametrize("value", VALUES, ids=str)
 def test_what_is_written_is_read_again(value):
-    assert same(value, decode(encode(value, OF), OF))
-
-
-def test_numbers_that_are_none_and_signed_zero():
-    found = decode(encode([math.nan, math.inf, -0.0, np.float32(0.5)], OF), OF)
-    assert math.isnan(found[0])
-    assert found[1:] == [math.inf, 0.0, 0.5]
-    assert math.copysign(1.0, found[2]) == -1.0
+    with np.printoptions(floatmode="unique"):
+        assert repr(decode(encode(value, OF), OF)) == repr(value)
 
 
 def test_read_arrays_can_be_changed():

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 import xarray as xr
 from numpy.testing import assert_allclose
-from systems import assert_near
+from systems import assert_near, series
 
-from trussflow.blocks import Diagram, Integrator, Simulator, Sine, recover, save
+from trussflow.blocks import Integrator, Simulator, Sine, recover, save
 from trussflow.blocks.errors import SimulationError, SimulationInterrupted
 from trussflow.blocks.results import dataset, log, streamed_log
 from trussflow.blocks.simulation import run
@@ -26,11 +26,7 @@ STEP = 1e-3
 
 
 def diagram():
-    diagram = Diagram("wave")
-    diagram.add(sine=Sine([1.0, 2.0], 3.0)) >> diagram.add(
-        integral=Integrator([0.0, 1.0])
-    )
-    return diagram
+    return series(sine=Sine([1.0, 2.0], 3.0), integral=Integrator([0.0, 1.0]))
 
 
 @pytest.fixture(scope="module")

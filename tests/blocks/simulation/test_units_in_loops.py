@@ -3,15 +3,16 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from systems import ports
 
-from trussflow.blocks import Diagram, Function, Input, Output, simulate
+from trussflow.blocks import Diagram, Function, simulate
 from trussflow.blocks.errors import DivergenceError
 
 
 def solution(function, n, backend, start=0.0):
     """Return n signals that are this function of themselves."""
     diagram = Diagram("vector", loops="solve")
-    block = diagram.add(law=Function(function, {"y": Input(n)}, {"z": Output(n)}))
+    block = diagram.add(law=Function(function, **ports(y=n, z=n)))
     block.z >> block.y
     diagram.guess(block.z, np.full(n, start))
     return simulate(diagram, 0.1, step=0.1, backend=backend)["law.z"].values[-1]

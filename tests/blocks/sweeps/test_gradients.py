@@ -27,7 +27,6 @@ from trussflow.blocks.errors import (
     TracingError,
 )
 from trussflow.blocks.simulation.solver import FIXED_STEP
-from trussflow.models.plant.tunable_truss import TunableTruss
 
 
 def decay(gain=-2.0, start=3.0):
@@ -111,19 +110,6 @@ def spent(run):
     )
 
 
-def truss():
-    start = np.zeros(36)
-    start[-2:] = 0.02
-    diagram = Diagram("truss")
-    block = TunableTruss(TunableTruss.consistent(modes=2).dynamics, start=start)
-    diagram.ground(diagram.add(truss=block).actuation)
-    return diagram
-
-
-def bent(run):
-    return np.mean(run["truss.grasp_displacement"] ** 2) * 1e6
-
-
 CASES = {
     f"{solver}, {len(periods)} filters": (
         lambda periods=periods: sampled(periods),
@@ -138,17 +124,6 @@ CASES = {
     )
     for solver in FIXED_STEP
     for periods in ((0.02,), (0.02, 0.04, 0.06))
-} | {
-    "truss": (
-        truss,
-        0.2,
-        bent,
-        {
-            "truss.damping_ratio": np.full(2, 0.005),
-            "truss.frequency": np.array([0.36, 0.97]),
-        },
-        {"step": 5e-3, "log": ["truss.grasp_displacement"]},
-    )
 }
 
 

@@ -13,8 +13,6 @@ from systems import decay, ports, series
 
 from trussflow.blocks import (
     Constant,
-    Diagram,
-    Integrator,
     Noise,
     PythonFunction,
     Simulator,
@@ -318,23 +316,3 @@ def test_nothing_kept_stands_in_for_what_varied(keep, name):
         sweep(decay(()), 0.2, keep=keep, **settings)
     kept = sweep(decay(()), 0.2, keep={"last": ("x.integral", "final")}, **settings)
     assert_allclose(kept["last"], [np.exp(-0.2), 2 * np.exp(-0.2)], rtol=1e-6, atol=0.0)
-
-
-def test_an_array_of_a_failed_sample_is_not_a_number():
-    diagram = Diagram("growing")
-    growth = diagram.add(growth=Integrator([1.0, 2.0]))
-    growth * growth >> growth
-    found = sweep(
-        diagram,
-        0.9,
-        vary={"growth.integral": [[0.1, 0.2], [1.0, 9.0], [0.3, 0.1]]},
-        keep={"end": ("growth.y", "final")},
-        step=0.01,
-        executor="serial",
-    )
-    assert list(found["status"].values) == ["complete", "diverged", "complete"]
-    assert found["end"].dims == ("sample", "end_0")
-    exact = np.array([[0.1, 0.2], [0.3, 0.1]])
-    exact = exact / (1.0 - 0.9 * exact)
-    assert found["end"].values[[0, 2]] == pytest.approx(exact, rel=1e-6)
-    assert np.isnan(found["end"].values[1]).all()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from systems import approach
 
-from trussflow.blocks import Simulator, linearize, simulate, tune
+from trussflow.blocks import Simulator, linearize, tune
 from trussflow.blocks.errors import DivergenceError, NameLookupError, SimulationError
 
 GAIN_RANGE = {"law.gain": (0.1, 8.0)}
@@ -30,15 +30,6 @@ def test_an_optimum_inside_is_found():
     assert "law.gain" in repr(found)
 
 
-def test_a_limit_holds_where_more_would_cost_less():
-    """The fastest approach with a force of at most 3 has the gain 3."""
-    force = {"force": (lambda run: np.max(np.abs(run["law.y"])), 3.0)}
-    found = tune(approach(), 2.0, mean_error, GAIN_RANGE, limits=force, step=TIME_STEP)
-    assert found.values["law.gain"] == pytest.approx(3.0, rel=1e-6)
-    assert found.limits["force"] == pytest.approx(3.0, rel=1e-6)
-    assert found.message == ""
-
-
 @over_both_ways
 def test_a_requirement_on_poles_holds(derivatives):
     gains = []
@@ -62,26 +53,6 @@ def test_a_requirement_on_poles_holds(derivatives):
     if not derivatives:
         assert len(gains) == found.runs, "once in each trial"
     assert pole(found.values) == pytest.approx(4.0, rel=1e-5)
-
-
-def test_the_mean_over_samples_is_least():
-    samples = [{"level.integral": 0.0}, {"level.integral": 0.5}]
-    found = tune(approach(), 2.0, missed, GAIN_RANGE, samples=samples, step=TIME_STEP)
-    costs = []
-    for gain in (found.values["law.gain"] + e for e in (-1e-3, 0.0, 1e-3)):
-        runs = [
-            simulate(
-                approach(),
-                2.0,
-                step=TIME_STEP,
-                parameters={"law.gain": gain},
-                initial=s,
-            )
-            for s in samples
-        ]
-        costs.append(np.mean([missed(run) for run in runs]))
-    assert costs[1] == min(costs)
-    assert costs[1] == pytest.approx(found.cost, rel=1e-9)
 
 
 @over_both_ways
@@ -115,7 +86,8 @@ def test_limits_that_cannot_be_met_are_reported(derivatives):
     assert "limits are not met" in found.message
 
 
-def test_derivatives_go_through_what_values_become():
+@over_both_ways
+def test_tuning_goes_through_what_values_become(derivatives):
     """The optimum is at ln ln 2, the logarithm of the gain."""
     found = tune(
         approach(),
@@ -123,10 +95,11 @@ def test_derivatives_go_through_what_values_become():
         missed,
         {"log": ([-2.0], [0.0], [2.0])},
         becoming=lambda log: {"law.gain": np.exp(log)[0]},
+        derivatives=derivatives,
         step=TIME_STEP,
     )
     assert found.values["log"] == pytest.approx([np.log(np.log(2.0))], abs=1e-4)
-    assert found.runs < 20
+    assert found.runs < (20 if derivatives else 100)
 
 
 @pytest.mark.parametrize(

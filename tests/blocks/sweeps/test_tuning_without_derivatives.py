@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from systems import approach, ports, ring
+from systems import approach, ports
 
 from trussflow.blocks import (
     Constant,
@@ -10,7 +10,6 @@ from trussflow.blocks import (
     Gain,
     Integrator,
     PythonFunction,
-    Relay,
     Sum,
     simulate,
     tune,
@@ -32,28 +31,6 @@ def missed(run):
 
 def mean_error(run):
     return ((1.0 - run["level.y"]) ** 2).mean()
-
-
-def test_the_switching_time_of_a_relay_is_found():
-    """Full thrust onward, then back: from rest to rest over 1 in 2 s, if it turns round half way.
-
-    Both levels of the relay are one number, or it would be told one above the other; the solver is adaptive.
-    """
-    diagram = ring(
-        relay=Relay(0.3, on=-1.0, off=1.0), speed=Integrator(), place=Integrator()
-    )
-    found = tune(
-        diagram,
-        2.0,
-        lambda run: (run["place.y"][-1] - 1.0) ** 2 + run["speed.y"][-1] ** 2,
-        {"half_way": (0.1, 0.3, 0.9)},
-        becoming=lambda half_way: {"relay.upper": half_way, "relay.lower": half_way},
-        derivatives=False,
-        solver="DOP853",
-    )
-    assert found.values["half_way"] == pytest.approx(0.5, abs=1e-3)
-    assert found.cost < 1e-5 < found.before
-    assert found.message == ""
 
 
 def test_python_blocks_may_run_and_any_function_may_cost():
