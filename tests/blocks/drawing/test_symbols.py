@@ -164,8 +164,8 @@ def with_a_loop(u):
         (
             systems.Ball(),
             [
-                *("z′ = v", "v′ = −10", "height = z", "speed = v"),
-                *("floor when 0 = z", "then z+ = 0", "v+ = −0.5·v"),
+                *("z′ = v", "v′ = −gravity", "height = z", "floor when 0 = z"),
+                *("then z+ = 0", "then bounces+ = bounces + 1"),
             ],
         ),
         (Private(), ["A block with an equation that says nothing."]),
