@@ -58,20 +58,6 @@ def test_error_is_proportional_to_the_step(coupling):
     assert_near(orders, 1, ORDER_TOLERANCE)
 
 
-def test_members_without_output_refresh_are_first_order(stepping):
-    found = slopes(
-        lambda step: cosimulate(
-            ring(
-                a=stepping(oscillator(), step), b=stepping(lag(), step, refreshes=False)
-            ),
-            END,
-            step=step,
-            coupling="jacobi",
-        )
-    )
-    assert_near(found, 1, ORDER_TOLERANCE)
-
-
 @pytest.mark.parametrize(
     "coupling, members, expected",
     [

@@ -5,7 +5,7 @@ import pytest
 from systems import assert_near, here, ring, series
 
 from trussflow.blocks import (
-    Block,
+    Constant,
     Diagram,
     Function,
     Gain,
@@ -14,35 +14,19 @@ from trussflow.blocks import (
     MatrixGain,
     Output,
     Simulator,
-    State,
     simulate,
 )
 from trussflow.blocks.errors import AlgebraicLoopError
 
 
-class Plant(Block):
-    """Passes nothing on directly in ``position``; ``acceleration`` is direct."""
-
-    force = Input()
-    position, acceleration = Output(), Output()
-    q = State(initial=1.0)
-
-    def output(self, t, x, u, p):
-        return {"position": x.q, "acceleration": u.force - x.q}
-
-    def derivative(self, t, x, u, p):
-        return {"q": u.force}
-
-
 def test_loop_of_gain_and_sum_is_printed_with_its_path():
     diagram = Diagram("loop")
-    one, gain = diagram.add(one=Plant(), gain=Gain(0.5))
-    diagram.ground(one.force)
-    total = one.position + gain.y
+    one, gain = diagram.add(one=Constant(1.0), gain=Gain(0.5))
+    total = one.y + gain.y
     first, line = here(1), here(2)
     total >> gain
     with pytest.raises(AlgebraicLoopError) as error:
-        Simulator(diagram, step=0.1, log=[one.position])
+        Simulator(diagram, step=0.1, log=[one.y])
     hops = [
         f"  gain.y --wire--> sum_1.u2 ==feedthrough==> sum_1.y   [{here(-6)}]",
         f"  sum_1.y --wire--> gain.u ==feedthrough==> gain.y   [{first}]",
@@ -66,9 +50,8 @@ def test_feedthrough_is_per_pair_of_ports(backend):
         {"a": Output(), "b": Output()},
     )
     diagram = Diagram("crossed")
-    crossed, one = diagram.add(crossed=crossed, one=Plant())
-    diagram.ground(one.force)
-    one.position >> crossed.v
+    crossed, one = diagram.add(crossed=crossed, one=Constant(1.0))
+    one >> crossed.v
     crossed.b >> crossed.u
     result = simulate(diagram, 0.1, step=0.1, backend=backend)
     assert result["crossed.a"][0] == 6.0

@@ -14,13 +14,11 @@ import campaign
 import numpy as np
 import pytest
 import xarray as xr
+from systems import HiddenSum
 
 from trussflow.blocks import (
-    Block,
     Diagram,
-    Input,
     Noise,
-    Output,
     Relay,
     Session,
     Simulator,
@@ -66,18 +64,11 @@ class DiceRun(Running):
         self.generator.bit_generator.state, self.seen = saved[0], [*saved[1]]
 
 
-class Dice(Block):
+class Dice(HiddenSum):
     """A Python block with a random generator of NumPy's and a memory of its own."""
-
-    traced = False
-    u = Input()
-    y = Output()
 
     def open(self, p):
         return DiceRun()
-
-    def feedthrough(self):
-        return {"y": ()}
 
 
 def everything(**others):
@@ -90,7 +81,7 @@ def everything(**others):
         late=others.get("late", TransportDelay(0.33)),
         relay=Relay(0.2, -0.2),
         delay=UnitDelay(0.1),
-        dice=others.get("dice", Dice()).sampled(0.03),
+        dice=others.get("dice", Dice(())).sampled(0.03),
     )
     sine + noise + dice >> lag >> late >> relay >> delay >> dice
     diagram.expose(y1=late.y, y2=delay.y, y3=dice.y, y4=lag.y)
@@ -233,7 +224,7 @@ def test_memory_that_cannot_be_written_names_its_block(tmp_path):
             def open(self, p):
                 return kind()  # noqa: B023 - called before the next one comes
 
-        diagram = everything(dice=Opened())
+        diagram = everything(dice=Opened(()))
         running = Session(diagram, step=STEP, backend="interpreted")
         with running, pytest.raises(SimulationError, match=message):
             running.save(tmp_path / "a.state")

@@ -260,14 +260,23 @@ WRONG_SETTINGS = {
     ],
 )
 def test_distributions_that_are_complete_without_parameters(distribution):
-    runs = sweep(decay(), 0.1, step=0.1, vary={"back.gain": distribution}, samples=3)
+    runs = sweep(
+        decay(),
+        0.1,
+        step=0.1,
+        vary={"back.gain": distribution},
+        samples=3,
+        executor="serial",
+    )
     assert np.all((runs["back.gain"] >= 1.0) & (runs["back.gain"] <= 3.0))
 
 
 def test_more_lists_than_an_array_has_axes():
     values = {f"values.value[{k}]": [float(k)] for k in range(70)}
     diagram = series(values=Constant(np.zeros(70)))
-    runs = sweep(diagram, 0.1, step=0.1, vary=values, keep=lambda _: 0.0)
+    runs = sweep(
+        diagram, 0.1, step=0.1, vary=values, keep=lambda _: 0.0, executor="serial"
+    )
     assert float(runs["values.value[69]"][0]) == 69.0
 
 
