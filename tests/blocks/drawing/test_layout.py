@@ -52,13 +52,12 @@ def lines(net):
 
 def overlap(a, b):
     """Tell whether two lines lie upon each other along more than a point."""
-    for i in (0, 1):
-        same = a[0][i] == a[1][i] == b[0][i] == b[1][i]
-        low = max(min(a[0][1 - i], a[1][1 - i]), min(b[0][1 - i], b[1][1 - i]))
-        high = min(max(a[0][1 - i], a[1][1 - i]), max(b[0][1 - i], b[1][1 - i]))
-        if same and low < high:
-            return True
-    return False
+    (p, q), (r, s) = sorted(a), sorted(b)
+    return any(
+        p[i] == q[i] == r[i] == s[i]
+        and max(p[1 - i], r[1 - i]) < min(q[1 - i], s[1 - i])
+        for i in (0, 1)
+    )
 
 
 def check_laws(boxes, nets, width, height):

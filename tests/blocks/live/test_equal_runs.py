@@ -4,18 +4,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from random_diagrams import build
-from systems import Ball, Counter, Level, assert_near, series
+from systems import Ball, Counter, Level, assert_near, cubic, series
 
 from trussflow.blocks import (
     Constant,
     Diagram,
     DiscretePID,
-    Function,
     Gain,
-    Input,
     Integrator,
     Noise,
-    Output,
     Parameter,
     Pulse,
     Ramp,
@@ -50,23 +47,9 @@ def sampled():
 
 
 def solved_loop():
-    bus = Diagram("bus", loops="solve")
-    power, load, battery = bus.add(
-        power=Ramp(20.0, unit="W"),
-        load=Function(
-            lambda power, v: power / v,
-            {"power": Input(), "v": Input(unit="V")},
-            {"i": Output(unit="A")},
-        ),
-        battery=Function(
-            lambda i: 28.0 - 0.5 * i, {"i": Input(unit="A")}, {"v": Output(unit="V")}
-        ),
-    )
-    power >> load.power
-    load >> battery
-    battery >> load.v
-    bus.guess(battery.v, 28.0)
-    return bus, ["battery.v", "load.i"], ("power.slope", 15.0)
+    diagram = cubic()
+    diagram.guess(diagram.bent.y, 0.7)
+    return diagram, ["state.y", "bent.y"], ("state.initial_value", -2.0)
 
 
 def noise():

@@ -4,7 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_array_equal
 from systems import Counter, assert_near, ring
 
 from trussflow.blocks import (
@@ -17,7 +17,6 @@ from trussflow.blocks import (
     Mode,
     Output,
     Ramp,
-    TimeFunction,
     UnitDelay,
     ZeroOrderHold,
     simulate,
@@ -38,10 +37,6 @@ class PythonDelay(UnitDelay):
 
     def feedthrough(self):
         return {"y": ()}
-
-
-def squared_time():
-    return TimeFunction(lambda t: t * t + 1.0)
 
 
 @pytest.mark.parametrize("gain", [Gain, PythonGain])
@@ -65,26 +60,6 @@ def test_updates_are_simultaneous(backend, first, second):
     result = simulate(diagram, 0.5, step=0.1, backend=backend)
     assert_array_equal(result["a.y"], [1, 2, 1, 2, 1, 2])
     assert_array_equal(result["b.y"], [2, 1, 2, 1, 2, 1])
-
-
-@pytest.mark.parametrize("gain", [Gain, PythonGain])
-def test_first_sample_is_at_the_offset_and_holds(solver, gain):
-    """Before the first instant a sampled output is zero, then what was sampled last."""
-    diagram = Diagram("hold")
-    source, now, later = diagram.add(
-        source=squared_time(),
-        now=gain(1.0).sampled(0.04),
-        later=gain(1.0).sampled(0.04, offset=0.01),
-    )
-    source >> now
-    source >> later
-    result = simulate(
-        diagram, 0.06, step=TICK, log_step=TICK, solver=solver, backend="numpy"
-    )
-    t = np.array([0.0, 0.0, 0.0, 0.0, 0.04, 0.04, 0.04])
-    assert_allclose(result["now.y"], t * t + 1, rtol=ROUND_OFF)
-    t = np.array([np.nan, 0.01, 0.01, 0.01, 0.01, 0.05, 0.05])
-    assert_allclose(result["later.y"], np.nan_to_num(t * t + 1), rtol=ROUND_OFF)
 
 
 def test_instants_are_integer_ticks_in_long_runs():

@@ -95,10 +95,11 @@ def by_hand(number, steps):
     return np.array(rows)
 
 
-@pytest.mark.parametrize("number", [4, 8])
-def test_a_chain_of_many_rates_is_what_it_is_by_hand(backend, number):
+@pytest.mark.parametrize("number, solver", [(4, "rk4"), (8, "rk4"), (4, "RK45")])
+def test_a_chain_of_many_rates_is_what_it_is_by_hand(backend, number, solver):
     """More than five clocks share one program."""
-    result = simulate(chain(number), DURATION, step=TICK, backend=backend)
+    settings = {"solver": solver, "step": TICK, "log_step": TICK}
+    result = simulate(chain(number), DURATION, backend=backend, **settings)
     exact = by_hand(number, round(DURATION / TICK))
     for i in range(number):
         assert_allclose(result[f"b{i}.y"], exact[:, i], rtol=1e-12, atol=1e-12)

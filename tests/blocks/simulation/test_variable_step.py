@@ -7,15 +7,13 @@ import numpy as np
 import pytest
 import scipy.linalg
 from numpy.testing import assert_allclose
-from systems import assert_near, ring, series
+from systems import Time, assert_near, ports, ring, series
 
 from trussflow.blocks import (
-    Block,
+    Function,
     Integrator,
     MatrixGain,
-    Output,
     Simulator,
-    State,
     StopWhen,
     simulate,
 )
@@ -29,35 +27,18 @@ from trussflow.blocks.tracing.quantities import derivative
 from trussflow.blocks.tracing.variable_step import definitions
 
 ORDER_TOLERANCE = 0.1
-TIME_TOLERANCE = 1e-10  # of events [s]
 BACKENDS = ("compiled", "interpreted", "numpy")
 ROUND_OFF = 1e-12
 
 
-class Equations(Block):
-    """States x with x' = rates(t, x)."""
-
-    y = Output("size")
-    x = State("size")
-
-    def __init__(self, rates, start):
-        self.rates = rates
-        self.start = np.array(start, dtype=float)
-        self.size = self.start.size
-        super().__init__()
-
-    def initial(self, name, p):
-        return self.start
-
-    def output(self, t, x, u, p):
-        return {"y": x.x}
-
-    def derivative(self, t, x, u, p):
-        return {"x": self.rates(t, x.x)}
-
-
 def diagram_of(rates, start):
-    return series(block=Equations(rates, start))
+    """Return a diagram with x' = rates(t, x)."""
+    n = len(start)
+    rate = Function(rates, **ports(t=(), x=n, rate=n))
+    diagram = series(rate=rate, block=Integrator(start))
+    diagram.add(t=Time()) >> diagram.rate.t
+    diagram.block >> diagram.rate.x
+    return diagram
 
 
 def swinging(t, x):
@@ -71,9 +52,8 @@ def exact_swing(t):
 
 def end_by_equal_steps(solver, backend, number, until=2.0):
     """Return states and dense output in the middle of the last step after a `number` of equal steps."""
-    simulator = Simulator(
-        diagram_of(swinging, [1.0, 0.0]), solver=solver, backend=backend, log_step=1.0
-    )
+    settings = {"solver": solver, "backend": backend, "log_step": 1.0}
+    simulator = Simulator(diagram_of(swinging, [1.0, 0.0]), log=["block.y"], **settings)
     with simulator.opened(until) as run:
         control = Control.of(solver, 1e6, 1e6, 0.0)  # all steps are accepted
         control.begin(0.0, until)
