@@ -10,7 +10,9 @@ from trussflow.blocks.errors import DivergenceError, NameLookupError, Simulation
 GAIN_RANGE = {"law.gain": (0.1, 8.0)}
 TIME_STEP = 0.01
 
-over_both_ways = pytest.mark.parametrize("derivatives", [True, False])
+over_both_ways = pytest.mark.parametrize(
+    "way", [{}, {"derivatives": False, "executor": "serial"}], ids=len
+)
 
 
 def missed(run):
@@ -31,7 +33,7 @@ def test_an_optimum_inside_is_found():
 
 
 @over_both_ways
-def test_a_requirement_on_poles_holds(derivatives):
+def test_a_requirement_on_poles_holds(way):
     gains = []
 
     def pole(values):
@@ -47,16 +49,16 @@ def test_a_requirement_on_poles_holds(derivatives):
         mean_error,
         GAIN_RANGE,
         requirements={"speed": (pole, 4.0)},
-        derivatives=derivatives,
+        **way,
         step=TIME_STEP,
     )
-    if not derivatives:
+    if way:
         assert len(gains) == found.runs, "once in each trial"
     assert pole(found.values) == pytest.approx(4.0, rel=1e-5)
 
 
 @over_both_ways
-def test_a_search_comes_back_from_where_runs_diverge(derivatives):
+def test_a_search_comes_back_from_where_runs_diverge(way):
     """With steps of 0.5 s gains above 5.6 are unstable; the slope at first leads there."""
     found = tune(
         approach(),
@@ -65,29 +67,23 @@ def test_a_search_comes_back_from_where_runs_diverge(derivatives):
         {"law.gain": (0.1, 1e4)},
         step=0.5,
         iterations=30,
-        derivatives=derivatives,
+        **way,
     )
     assert found.cost <= found.before
     assert found.values["law.gain"] < 5.6
 
 
 @over_both_ways
-def test_limits_that_cannot_be_met_are_reported(derivatives):
+def test_limits_that_cannot_be_met_are_reported(way):
     late = {"late": (lambda run: -run["level.y"][-1], -1.5)}
     found = tune(
-        approach(),
-        2.0,
-        missed,
-        GAIN_RANGE,
-        limits=late,
-        derivatives=derivatives,
-        step=TIME_STEP,
+        approach(), 2.0, missed, GAIN_RANGE, limits=late, **way, step=TIME_STEP
     )
     assert "limits are not met" in found.message
 
 
 @over_both_ways
-def test_tuning_goes_through_what_values_become(derivatives):
+def test_tuning_goes_through_what_values_become(way):
     """The optimum is at ln ln 2, the logarithm of the gain."""
     found = tune(
         approach(),
@@ -95,11 +91,11 @@ def test_tuning_goes_through_what_values_become(derivatives):
         missed,
         {"log": ([-2.0], [0.0], [2.0])},
         becoming=lambda log: {"law.gain": np.exp(log)[0]},
-        derivatives=derivatives,
+        **way,
         step=TIME_STEP,
     )
     assert found.values["log"] == pytest.approx([np.log(np.log(2.0))], abs=1e-4)
-    assert found.runs < (20 if derivatives else 100)
+    assert found.runs < (100 if way else 20)
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ from trussflow.blocks.tracing import compiler
 
 GAIN_RANGE = {"law.gain": (0.1, 8.0)}
 TIME_STEP = 0.01
+SETTINGS = {"derivatives": False, "executor": "serial", "step": TIME_STEP}
 
 
 def missed(run):
@@ -48,15 +49,7 @@ def test_python_blocks_may_run_and_any_function_may_cost():
             (value - 1.0) ** 2 for value in run["level.y"].values[10::10].tolist()
         )
 
-    found = tune(
-        diagram,
-        1.0,
-        cost,
-        {"law.gain": (1.0, 15.0)},
-        derivatives=False,
-        executor="serial",
-        step=TIME_STEP,
-    )
+    found = tune(diagram, 1.0, cost, {"law.gain": (1.0, 15.0)}, **SETTINGS)
     assert found.values["law.gain"] == pytest.approx(10.0, abs=0.02)
     assert found.runs < 30
 
@@ -83,10 +76,9 @@ def test_the_optimum_is_that_found_with_derivatives():
                 {"place.integral": 1.0, "speed.integral": 0.0},
                 {"place.integral": 2.0, "speed.integral": 0.3},
             ],
-            derivatives=derivatives,
-            step=TIME_STEP,
+            **settings,
         )
-        for derivatives in (True, False)
+        for settings in ({"step": TIME_STEP}, SETTINGS)
     )
     for name, value in exact.values.items():
         assert found.values[name] == pytest.approx(value, abs=5e-3)
@@ -103,7 +95,7 @@ def test_the_mean_of_all_samples_counts_and_limits_hold_in_each():
 
     found = tune(
         approach(), 2.0, mean_error, GAIN_RANGE, limits={"force": (forces, 3.0)}, samples=samples,
-        derivatives=False, step=TIME_STEP,
+        **SETTINGS,
     )  # fmt: skip
     assert found.values["law.gain"] == pytest.approx(2.0, rel=1e-5)
     assert found.limits["force"][0] == pytest.approx(3.0, rel=1e-5)
@@ -164,19 +156,18 @@ def test_an_interrupted_search_goes_on(monkeypatch, tmp_path):
         return own(self, *sample)
 
     monkeypatch.setattr(Runs, "sample", counted)
-    settings = {"derivatives": False, "step": TIME_STEP, "executor": "serial"}
-    whole = tune(approach(), 2.0, missed, GAIN_RANGE, **settings)
+    whole = tune(approach(), 2.0, missed, GAIN_RANGE, **SETTINGS)
     number = len(runs)
     assert whole.runs == number
     first = tune(
-        approach(), 2.0, missed, GAIN_RANGE, iterations=4, path=tmp_path, **settings
+        approach(), 2.0, missed, GAIN_RANGE, iterations=4, path=tmp_path, **SETTINGS
     )
     assert "exceeded" in first.message
-    again = tune(approach(), 2.0, missed, GAIN_RANGE, path=tmp_path, **settings)
+    again = tune(approach(), 2.0, missed, GAIN_RANGE, path=tmp_path, **SETTINGS)
     assert again.values == whole.values
     assert len(runs) == 2 * number
     with pytest.raises(SimulationError, match="holds another sweep: its keep"):
-        tune(approach(), 2.0, mean_error, GAIN_RANGE, path=tmp_path, **settings)
+        tune(approach(), 2.0, mean_error, GAIN_RANGE, path=tmp_path, **SETTINGS)
 
 
 @pytest.mark.parametrize(
@@ -200,7 +191,7 @@ def test_what_is_stopped_by_hand_returns_the_best_until_then(most):
     ) as stopped:
         tune(
             approach(), 2.0, cost, GAIN_RANGE, requirements={"gain": (lambda v: v["law.gain"], most)},
-            derivatives=False, executor="serial", step=TIME_STEP,
+            **SETTINGS,
         )  # fmt: skip
     best = stopped.value.result
     met = [gain for gain in gains[:6] if gain <= most]
