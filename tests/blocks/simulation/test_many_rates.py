@@ -105,14 +105,6 @@ def test_a_chain_of_many_rates_is_what_it_is_by_hand(backend, number, solver):
         assert_allclose(result[f"b{i}.y"], exact[:, i], rtol=1e-12, atol=1e-12)
 
 
-def test_clocks_count_from_where_a_run_begins():
-    """What is sampled is then later by as much."""
-    result = simulate(chain(), 1.0, start=0.12, step=TICK)
-    exact = simulate(chain(), 1.0, step=TICK)
-    later = result["b0.y"].values - exact["b0.y"].values
-    assert_allclose(later, -1.5 * 0.12, rtol=1e-12)
-
-
 def among_many_rates(diagram, rates=(4, 5, 6, 7, 11, 13)):
     """Return the diagram with a source ``time``, and blocks of more rates behind that."""
     time = diagram.add(time=Ramp())

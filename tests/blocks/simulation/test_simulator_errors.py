@@ -149,14 +149,6 @@ def test_steps_of_a_tenth_of_a_millisecond_at_the_time_of_the_clock():
     )
 
 
-def test_adaptive_solvers_need_no_dividing_step():
-    result = simulate(counter(0.15), 0.4, solver="RK45", log_step=0.1, backend="numpy")
-    assert_allclose(result.time, [0.0, 0.1, 0.2, 0.3, 0.4], rtol=ROUND_OFF)
-    assert_allclose(
-        result["count.y"], np.sqrt([3.5, 3.5, 2.5, 1.5, 1.5]), rtol=ROUND_OFF
-    )
-
-
 def test_divergence_names_the_state_and_keeps_the_log(backend, tmp_path):
     path = tmp_path / "run.nc"
     with pytest.raises(DivergenceError) as error, np.errstate(invalid="ignore"):

@@ -18,7 +18,6 @@ from trussflow.blocks import (
     UnitDelay,
     ZeroOrderHold,
     gradient,
-    simulate,
 )
 from trussflow.blocks.errors import (
     DivergenceError,
@@ -58,16 +57,6 @@ def test_a_decay_has_the_derivatives_of_its_steps():
 def test_where_a_parameter_is_the_initial_state_both_count():
     _, by = gradient(decay(), 1.0, end, {"level.initial_value": 3.0}, step=0.1)
     assert by["level.initial_value"] == pytest.approx(growth(-0.2) ** 10, rel=1e-9)
-
-
-def test_what_is_logged_is_what_a_run_logs():
-    """The end as well, where it is no multiple of the step of the log."""
-    settings = {"step": 0.1, "log_step": 0.3}
-    value, _ = gradient(
-        decay(), 1.0, lambda run: run["level.y"], {"law.gain": -2.0}, **settings
-    )
-    result = simulate(decay(), 1.0, **settings)
-    assert_allclose(value, result["level.y"], rtol=1e-14)
 
 
 def test_derivatives_of_arrays_by_arrays():
@@ -118,7 +107,7 @@ def test_gradients_agree_with_differences(periods, solver):
         "wave.amplitude": np.array([0.5]),
         "late.previous": np.array([0.3]),
     }
-    settings = {"step": 0.01, "log_step": 0.02, "solver": solver}
+    settings = {"step": 0.01, "log_step": 0.07, "solver": solver}
     case = sampled(periods), 3.0, spent, at
     value, by = gradient(*case, **settings)
     expected, slopes = differences(*case, 1e-5, **settings)
