@@ -576,27 +576,36 @@ class Run:
         finally:
             self._count(control)
 
-    def _logged_inside(self, start: Fraction, end: Fraction) -> Vector:
-        """Return the logged instants strictly between `start` and `end` [s]."""
+    def _logged_inside(self, start: Fraction, end: Fraction) -> range:
+        """Return the numbers of the logged instants strictly between `start` and `end` [-]."""
         if self.log is None:
-            return np.empty(0)
+            return range(0)
         every = self.log_step
         first = (start - self.origin) // every + 1
         # Rounded up, so that the last of the instants lies before `end`.
-        stop = -((self.origin - end) // every)
+        return range(first, -((self.origin - end) // every))
+
+    def _logged_times(self, numbers: range) -> Vector:
+        """Return the times of the logged instants with these `numbers` [s]."""
+        every = self.log_step
         # A quotient of two integers is rounded once.
         common = lcm(self.origin.denominator, every.denominator)
         begin, step = int(self.origin * common), int(every * common)
-        return np.array([(begin + step * i) / common for i in range(first, stop)])
+        return np.array([(begin + step * i) / common for i in numbers])
 
-    def _vary(self, control: Control, times: Vector) -> None:
-        """Advance to the end of a span by variable steps; log at the `times` in it [s]."""
+    def _vary(self, control: Control, due: range) -> None:
+        """Advance to the end of a span by variable steps; log at the instants with the numbers `due` [-]."""
         log = self.log
         width = log.width if log is not None else 0
-        chunk = MIN_CHUNK
+        chunk, most = MIN_CHUNK, max(1, CHUNK_NUMBERS // (1 + width))
+        times = np.empty(0)
         while True:
-            control.due_rows = len(times)
-            control.room = min(len(times), max(1, CHUNK_NUMBERS // (1 + width)))
+            # In pieces, as those of a long run fill the memory. The solver also looks at the time after the
+            # last row that has room.
+            if len(times) < min(2, len(due)):
+                times = self._logged_times(due[: most + 1])
+            control.due_rows = len(due)
+            control.room = len(times) - (len(times) < len(due))
             rows = log.reserve(control.room) if log is not None else NO_ROWS
             # Steps that stay short are taken one by one, to find jumps of the derivative.
             tested = control.short_steps > MAX_SHORT_STEPS
@@ -617,7 +626,7 @@ class Run:
                 self.bar.update(reached)
             if self.pacer is not None:
                 self.pacer.wait(self.time)
-            times = times[control.rows :]
+            times, due = times[control.rows :], due[control.rows :]
             if control.t >= control.end:
                 return
             if tested:
