@@ -28,25 +28,3 @@ def follow():
         return {name: np.array(values) for name, values in found.items()}
 
     return run
-
-
-@pytest.fixture(scope="session")
-def draw():
-    """Draw the states and measurements of a linear process, starting from a normal distribution."""
-
-    def run(block, generator, commands, spread):
-        process = block.process
-        zero = np.zeros(block.order)
-        x = generator.multivariate_normal(zero, spread, method="eigh")
-        states, measurements = [], []
-        for u in commands:
-            v = generator.multivariate_normal(
-                np.zeros(block.measurements), process.noise
-            )
-            states.append(x)
-            measurements.append(process.C @ x + process.D @ u + v)
-            w = generator.multivariate_normal(zero, process.covariance, method="eigh")
-            x = process.A @ x + process.B @ u + w
-        return np.array(states), np.array(measurements)
-
-    return run

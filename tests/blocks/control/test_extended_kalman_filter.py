@@ -31,14 +31,15 @@ def stepped(t, x, u, h):
 
 
 def by_hand(y, u, x, P, parts):
-    """Return the estimates of the textbook's recursion, inverse and all."""
+    """Return the outputs of the textbook's recursion, inverse and all."""
     found, h = [], EVERY / parts
     for k in range(len(y)):
         t = k * EVERY
         H = jacobian(partial(outputs, t, u=u[k]), x)
-        K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+        S = H @ P @ H.T + R
+        K = P @ H.T @ np.linalg.inv(S)
         x, P = x + K @ (y[k] - outputs(t, x, u[k])), (np.eye(2) - K @ H) @ P
-        found.append(x)
+        found.append(np.vstack([x, P, S]))
         for i in range(parts):
             s = t + i * h
             first = jacobian(partial(stepped, s, u=u[k], h=h / 2), x)
@@ -73,7 +74,9 @@ def test_recursion_is_that_of_the_textbook(steps, follow, rng):
     y, u = rng.normal(size=(40, 2)) * 0.1, rng.normal(size=(40, 1))
     found = follow(extended(steps=steps), y, u)
     expected = by_hand(y, u, np.array([0.5, 0.0]), 0.01 * np.eye(2), steps)
-    assert_near(found["estimate"], expected, 1e-10)
+    names = "covariance", "innovation_covariance"
+    together = [found["estimate"][:, None], *(found[name] for name in names)]
+    assert_near(np.concatenate(together, axis=1), expected, 1e-10)
 
 
 @pytest.mark.parametrize("behind", [1, 3])

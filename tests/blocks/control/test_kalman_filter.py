@@ -55,46 +55,6 @@ def test_gain_does_not_depend_on_the_unit_of_noise(factor):
     assert_near(gain, expected, TOLERANCE)
 
 
-def least_squares(of, spread, y, u):
-    """Return the last state of the most probable history, all its states estimated at once."""
-    A, B, C, D = (of[name] for name in "ABCD")
-    n, samples = len(A), len(y)
-    white = [np.linalg.inv(np.linalg.cholesky(M)) for M in (spread, of["covariance"])]
-    seen = np.linalg.inv(np.linalg.cholesky(of["noise"]))
-    rows, right = (
-        [np.hstack([white[0], np.zeros((n, n * (samples - 1)))])],
-        [np.zeros(n)],
-    )
-    for k in range(samples):
-        row = np.zeros((len(C), n * samples))
-        row[:, n * k : n * (k + 1)] = C
-        rows.append(seen @ row)
-        right.append(seen @ (y[k] - D @ u[k]))
-        if k + 1 < samples:
-            row = np.zeros((n, n * samples))
-            row[:, n * k : n * (k + 1)], row[:, n * (k + 1) : n * (k + 2)] = (
-                -A,
-                np.eye(n),
-            )
-            rows.append(white[1] @ row)
-            right.append(white[1] @ B @ u[k])
-    return np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0][-n:]
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_time_varying_filter_is_batch_least_squares(seed, follow):
-    of, g = plant(seed), np.random.default_rng(seed)
-    y, u, spread = g.normal(size=(12, 2)), g.normal(size=(12, 2)), 2.0 * np.eye(5)
-    found = follow(
-        ExtendedKalmanFilter(LinearProcess(**of), initial_covariance=2.0), y, u
-    )
-    for k in (1, 4, 12):
-        expected = least_squares(of, spread, y[:k], u[:k])
-        assert_allclose(
-            found["estimate"][k - 1], expected, rtol=TOLERANCE, atol=TOLERANCE
-        )
-
-
 @pytest.mark.parametrize("behind, ahead", [(0, 0), (2, 0), (0, 3), (2, 1)])
 @pytest.mark.parametrize("make", [KalmanFilter, ExtendedKalmanFilter])
 def test_delays_shift_the_filter_without(behind, ahead, make, follow):
@@ -103,6 +63,8 @@ def test_delays_shift_the_filter_without(behind, ahead, make, follow):
     settings = {"initial_covariance": 3.0} if make is ExtendedKalmanFilter else {}
     y, acting = g.normal(size=(40, 2)), g.normal(size=(40, 2))
     plain = follow(make(LinearProcess(**of), **settings), y, acting)
+    told = y - plain["predicted"] @ of["C"].T - acting @ of["D"].T
+    assert_near(plain["innovation"], told, TOLERANCE)
     delays = {"measurement_delay": 0.1 * behind, "command_delay": 0.1 * ahead}
     delayed = make(
         LinearProcess(**of), **settings, **delays, initial_command=acting[:late]

@@ -150,16 +150,3 @@ def test_fmu_of_a_controller_gives_the_same_numbers_bit_by_bit(kind, tmp_path):
     theirs = simulate(top, 4.0, step=EVERY)
     assert_array_equal(theirs["c.estimate"], ours["filter.estimate"])
     assert_array_equal(theirs["c.command"], ours["brake.y"])
-
-
-def test_fmu_of_the_filter_alone(tmp_path):
-    path = export(
-        designed("steady", DrivenPendulum()),
-        tmp_path / "filter.fmu",
-        version="3.0",
-        step=EVERY,
-    )
-    blocks = designed("steady", DrivenPendulum()), Fmu(path, step=EVERY)
-    ours, theirs = (simulate(loop(block), 0.5, **SETTINGS) for block in blocks)
-    for name in ("estimate", "prediction", "innovation"):
-        assert_near(theirs[f"filter.{name}"], ours[f"filter.{name}"], 1e-13)

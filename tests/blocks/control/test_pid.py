@@ -19,8 +19,6 @@ from trussflow.blocks import (
 )
 
 ROUND_OFF = 1e-9
-FOURTH_ORDER = 1e-6
-"""RK4 with steps of 0.01 s, where jumps are multiples of the step."""
 
 
 @pytest.mark.parametrize("b, c", [(1.0, 0.0), (0.3, 1.0)])
@@ -48,21 +46,6 @@ def loop(pid, level=1.0):
     step >> pid.reference
     pid >> motor >> pid.measurement
     return d
-
-
-def test_closed_loop_is_that_of_python_control():
-    result = simulate(
-        loop(PID(2.0, 1.0, 1.5, filter_time=0.1, reference_rate_weight=1.0)),
-        8.5,
-        step=0.01,
-    )
-    s = control.tf("s")
-    law = 2.0 + 1.0 / s + 1.5 * s / (1 + 0.1 * s)
-    plant = 1 / (s**2 + 0.4 * s)
-    exact = control.step_response(
-        control.feedback(law * plant, 1), T=result["time"].values[50:] - 0.5
-    )
-    assert_near(result["motor.y"][50:], exact.outputs, FOURTH_ORDER)
 
 
 def test_back_calculation_shortens_the_overshoot_of_a_limited_loop():

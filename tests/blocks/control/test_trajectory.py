@@ -75,20 +75,6 @@ def test_motion_is_held_outside(block, evaluate):
         assert_near(outside["position"], evaluate(block, edge)["position"], ROUND_OFF)
 
 
-def test_quintic_meets_its_boundary_conditions(evaluate):
-    block = Quintic(6.0, 60.0, unit="m")
-    for t, wanted in ((0.0, 0.0), (60.0, 6.0), (80.0, 6.0)):
-        found = evaluate(block, t)
-        assert found["position"] == pytest.approx(wanted, abs=ROUND_OFF)
-        assert found["velocity"] == found["acceleration"] == 0.0
-    middle = evaluate(block, 30.0)
-    assert middle["position"] == pytest.approx(3.0)
-    assert middle["velocity"] == pytest.approx(15 / 8 * 6.0 / 60.0)  # the largest
-    assert middle["acceleration"] == pytest.approx(0.0, abs=ROUND_OFF)
-    assert block.acceleration.unit == "m/s**2"
-    assert block.breakpoints() == (0.0, 60.0)
-
-
 @given(
     displacement=st.lists(st.floats(-10.0, 10.0), min_size=1, max_size=3),
     limits=st.tuples(st.floats(0.1, 5.0), st.floats(0.1, 5.0)),

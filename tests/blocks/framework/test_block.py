@@ -12,12 +12,7 @@ from trussflow.blocks.errors import (
     TrussflowError,
 )
 from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.declarations import (
-    REQUIRED,
-    Attribute,
-    Parameter,
-    State,
-)
+from trussflow.blocks.framework.declarations import Attribute, Parameter, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Input, Output
 from trussflow.blocks.simulation.simulator import simulate
@@ -121,12 +116,6 @@ def test_methods_that_no_block_states_are_not_overridden(name):
         BlockError, match=rf"Wrong declares '{name}', which .* \(equations are output, "
     ):
         type("Wrong", (Block,), {name: lambda *_: {}})
-
-
-def test_offset_is_a_free_name():
-    """Constants, sines and ramps want a parameter of that name."""
-    block = type("Sine", (Block,), {"offset": Parameter(2.0)})().sampled(0.1, 0.05)
-    assert block.offset == 2.0
 
 
 class Extra(Block):
@@ -243,7 +232,3 @@ def test_initial_value_in_place_of_a_shape_is_told():
         BlockError, match=r"-1.0 is no shape of a state; .* is State\(initial=-1.0\)"
     ):
         State(-1.0)
-
-
-def test_required_is_readable():
-    assert repr(REQUIRED) == "REQUIRED"

@@ -13,7 +13,6 @@ from trussflow.blocks import (
     MatrixGain,
     Output,
     Sum,
-    Terminator,
 )
 from trussflow.blocks.errors import BlockError
 
@@ -64,11 +63,6 @@ def test_function_wraps_any_numpy_function(respond):
     assert result["block.power"][0] == u @ v
     assert_allclose(result["block.moment"][0], np.cross(u, v), rtol=ROUND_OFF)
     assert_array_equal(respond(Function(np.abs), 0.01, u=u)["block.y"][0], np.abs(u))
-
-
-def test_terminator_takes_any_signal(respond):
-    result = respond(Terminator(), 0.01, u=Constant(u, unit="N", frame="truss"))
-    assert set(result) == {"u_source.y"}
 
 
 def test_function_that_returns_too_little_is_refused(evaluate):

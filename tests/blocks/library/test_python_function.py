@@ -13,13 +13,10 @@ from trussflow.blocks import (
     Function,
     Input,
     Integrator,
-    OperatingPoint,
     Output,
     PythonFunction,
     Ramp,
-    Session,
     as_block,
-    linearize,
     simulate,
 )
 from trussflow.blocks.errors import BlockError, WiringError
@@ -63,19 +60,6 @@ def test_continuous_function_without_memory(settings):
     result = simulate(diagram, 2.0, **settings)
     assert_near(result["lag.y"], np.exp(-result["time"]), FOURTH_ORDER)
     assert_array_equal(result["law.y"], -result["lag.y"])
-
-
-def test_linear_model_and_session_of_it():
-    diagram = Diagram("lag")
-    law = diagram.add("law", PythonFunction(abs, **ports(u=(), y=())))
-    law >> diagram.add("lag", Integrator(1.0))
-    diagram.expose(u=law.u, y=diagram.lag.y)
-    model = linearize(diagram, at=OperatingPoint(inputs={"u": -2.0}))
-    assert_near(model.B, [[-1.0]], FOURTH_ORDER)
-    with Session(diagram, step=0.1) as session:
-        session.set(u=-3.0)
-        session.advance(1.0)
-        assert_near(session.outputs["y"], 4.0, FOURTH_ORDER)
 
 
 @as_block

@@ -20,11 +20,6 @@ from trussflow.blocks import (
 ROUND_OFF = 1e-12
 
 
-def test_constant_has_its_shape_unit_and_frame():
-    block = Constant([1.0, 2.0], unit=("m", "rad"), frame="truss")
-    assert (block.y.shape, block.y.unit, block.y.frame) == ((2,), ("m", "rad"), "truss")
-
-
 TIMES = np.linspace(0.0, 6.0, 601)
 
 

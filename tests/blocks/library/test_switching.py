@@ -3,30 +3,24 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from systems import assert_near, series
+from systems import assert_near
 
 from trussflow.blocks import (
     Backlash,
-    Block,
     Constant,
     Diagram,
-    Event,
     Integrator,
     LimitedIntegrator,
-    Parameter,
     Pulse,
     Ramp,
     Relay,
-    Session,
     Sine,
-    State,
     Step,
     StopWhen,
     Switch,
     TimeFunction,
     simulate,
 )
-from trussflow.blocks.errors import RunEndedError
 
 LOCATION_ERROR = 5e-8
 """Error of an integral over some switching times; DOP853 has rtol 1e-8 between them."""
@@ -50,15 +44,6 @@ def integrated(block, **inputs):
         # so that solvers see it
         d.blocks[f"{name}_source"].y >> d.add(f"{name}_area", Integrator())
     return d
-
-
-@over_solvers
-def test_relay_has_hysteresis(settings):
-    """On where the sine rises through 0.5, t = 1/6, off where it falls through -0.5, t = 7/6; period 2 s."""
-    d = integrated(Relay(0.5, -0.5, on=2.0, off=-1.0), u=Sine(1.0, 0.5))
-    result = run(d, 2.0, settings)
-    assert_near(result["area.y"][-1], 2.0 - 1.0, LOCATION_ERROR)
-    assert_array_equal(result["block.y"][[0, 16, 17, 116, 117]], [-1, -1, 2, 2, -1])
 
 
 @pytest.mark.parametrize(
@@ -175,37 +160,6 @@ def test_signal_at_its_threshold_at_the_start_leaves_it(settings):
     )
     end = 1 - 1 / 12 - 1 / 48  # the integral of t^2 - t/2 from 1/2 to 1
     assert_near(run(d, 1.0, settings)["block.y"][-1], end, LOCATION_ERROR)
-
-
-class Empty(Block):
-    """A tank that ends the run when it is empty, with a parameter called as the text of `StopWhen`."""
-
-    message, level = Parameter(3.0), State(initial=1.0)
-    empty = Event("terminal")
-
-    def derivative(self, t, x, u, p):
-        return {"level": -p.message + 0.0 * x.level}
-
-    def indicators(self, t, x, u, p):
-        return {"empty": -x.level}
-
-
-@over_solvers
-def test_terminal_event_of_an_own_block(settings):
-    d = series(tank=Empty())
-    ended = run(d, 1.0, settings).attrs["ended"]
-    assert ended.startswith("'tank' ended the run at t = 0.33333333")
-    assert ended.endswith(" s")
-
-
-def test_session_reports_the_end():
-    d = integrated(Ramp())
-    (d.block.y > 0.5) >> d.add("stop", StopWhen())
-    with (
-        Session(d, step=0.1) as session,
-        pytest.raises(RunEndedError, match=r"ended the run at t = 0\.5"),
-    ):
-        session.advance(1.0)
 
 
 def test_backlash_is_play(respond):

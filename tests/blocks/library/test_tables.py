@@ -1,7 +1,6 @@
 """Tables interpolate linearly; outside they hold the end values, or go on if asked to."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
@@ -9,7 +8,6 @@ from scipy.interpolate import RegularGridInterpolator
 from systems import assert_near
 
 from trussflow.blocks import GridTable, Table, TimeTable
-from trussflow.blocks.errors import BlockError
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 numbers = st.floats(-100.0, 100.0)
@@ -72,8 +70,3 @@ def test_grid_is_that_of_scipy(respond, rng):
                 else [np.clip(x, a[0], a[-1]) for x, a in zip(point, axes, strict=True)]
             )
             assert_near(found, exact(inside)[0], 1e-12)
-
-
-def test_units_of_a_grid_are_a_list():
-    with pytest.raises(BlockError, match="has 2 inputs; give a list of as many units"):
-        GridTable([[0.0, 1.0], [0.0, 1.0]], np.eye(2), units="ms")

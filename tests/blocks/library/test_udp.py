@@ -112,17 +112,6 @@ def test_a_sample_waits_for_a_packet_until_its_timeout(peer, port, monkeypatch):
         assert waits[:2] == [5.0, 0.0]
 
 
-def test_two_diagrams_exchange_signals(port):
-    diagram = Diagram("sending")
-    diagram.add(ramp=Ramp(2.0)) >> diagram.add(send=UdpSend(0.1, port))
-    with receiving(port) as session, Session(diagram, step=0.1) as sender:
-        for k in range(1, 8):
-            sender.advance(0.1 * k)
-            session.advance(0.1 * k)
-            expected = 0.2 * (k - 1)  # the sample at the end is sent with the next step
-            assert session.outputs["y"] == pytest.approx(expected)
-
-
 def test_ports_in_use_and_wrong_addresses_are_named(peer):
     port = peer.getsockname()[1]
     with pytest.raises(

@@ -5,12 +5,11 @@ from unittest.mock import patch
 
 import campaign
 import control
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import minimize_scalar
-from systems import ports, ring
+from systems import ring
 
 from trussflow.blocks import (
     PD,
@@ -22,17 +21,14 @@ from trussflow.blocks import (
     MatrixGain,
     OperatingPoint,
     Operation,
-    PythonFunction,
     StateSpace,
     Terminator,
-    linearize,
     loop_margins,
     loop_transfer,
     sensitivity,
 )
 from trussflow.blocks.errors import (
     LinearAnalysisError,
-    NameLookupError,
     SimulationWarning,
     TrussflowError,
 )
@@ -93,30 +89,9 @@ def test_one_of_two_wires_is_broken_while_the_other_stays_closed():
 def test_breaking_both_channels_gives_the_matrix_whose_determinant_closes_the_loop():
     model = loop_transfer(spring_loop(), "plant.y")
     assert (model.ninputs, model.noutputs) == (2, 2)
-    closed = np.linalg.eigvals(
-        model.A - model.B @ np.linalg.inv(np.eye(2) + model.D) @ model.C
-    )
-    assert_allclose(np.poly(closed), [1, 0.2 + KD, 4 + KP], rtol=1e-12)
     for s in (0.3j, 2j):
         matrix = np.eye(2) + model(s)
         assert np.linalg.det(matrix) == pytest.approx(1 + gain_of(s), rel=1e-12)
-
-
-def test_the_loop_of_a_nonlinear_diagram_is_that_at_the_point():
-    """The feedback is y = x1 x2, whose gain along x1 is x2, and along both x1 + x2."""
-    diagram = Diagram()
-    plant, product, gain = diagram.add(
-        plant=StateSpace(-np.eye(2), [[1.0], [1.0]], np.eye(2)),
-        product=Operation(np.multiply),
-        gain=Gain([-2.0]),
-    )
-    plant.y[0:1] >> product.u1
-    plant.y[1:2] >> product.u2
-    product >> gain >> plant
-    at = OperatingPoint(states={"plant.x": [0.5, 3.0]})
-    assert loop_transfer(diagram, "gain.u", at=at)(2j) == pytest.approx(7.0 / (1 + 2j))
-    one = loop_transfer(diagram, "product.u1", at=at)
-    assert one(2j) == pytest.approx(6.0 / (1 + 2j) / (1 + 1.0 / (1 + 2j)))
 
 
 def test_loops_within_nested_diagrams_are_broken_too():
@@ -129,48 +104,22 @@ def test_loops_within_nested_diagrams_are_broken_too():
     outer.add(inner=inner, sink=Terminator())
     outer.inner.y >> outer.sink.u
     assert loop_transfer(outer, "inner.law.y")(1j) == pytest.approx(3 / (1 + 1j))
-    whole = linearize(outer, "inner.plant.u", "inner.y")
-    assert whole(1j) == pytest.approx(1 / (4 + 1j))
     # a diagram, or a block, that is part of a larger one can be looked at by itself
     assert loop_transfer(inner, inner.law.u).name == inner.name == "inner"
     assert loop_transfer(inner, "inner.law.u")(1j) == pytest.approx(3 / (1 + 1j))
-    assert linearize(plant)(1j) == pytest.approx(1 / (1 + 1j))
     # the port of the inner diagram stands for the plant's output, and all who read it
     assert loop_transfer(outer, "inner.y")(1j) == pytest.approx(3 / (1 + 1j))
 
 
-def test_a_loop_through_python_code_is_broken_as_any_other():
-    diagram = Diagram()
-    plant, law = diagram.add(
-        plant=StateSpace([[0.0]], [[1.0]], [[1.0]], initial_value=[0.5]),
-        law=PythonFunction(lambda y: -np.tanh(2 * y), 0.1, **ports(y=1, u=1)),
-    )
-    plant >> law >> plant
-    model = loop_transfer(diagram, "plant.u")
-    slope = 2 * (1 - np.tanh(1.0) ** 2)
-    z = np.exp(0.3j)
-    # broken behind the hold: what is sent in acts at once, what comes back is of the instant
-    assert model(z) == pytest.approx(0.1 * slope / (z - 1), rel=1e-8)
-    assert list(model.derivatives) == ["law"]
-
-
 @pytest.mark.parametrize(
-    "where, error, message",
+    "where, message",
     [
-        (
-            "goal.y",
-            LinearAnalysisError,
-            r"no loop passes through 'goal.y'; .*: 'law.force', 'plant.y'$",
-        ),
-        ("sink.u", LinearAnalysisError, r"no loop passes through 'sink.u'"),
-        ("law.forc", NameLookupError, r"no port 'forc'; inputs: .*; outputs: .*force"),
-        ("lw.force", NameLookupError, r"no block 'lw' .*: goal, law, plant, sink$"),
+        ("goal.y", "no loop passes through 'goal.y'; .*: 'law.force', 'plant.y'$"),
+        ("sink.u", "no loop passes through 'sink.u'"),
     ],
 )
-def test_wires_without_a_loop_are_refused_with_those_that_have_one(
-    where, error, message
-):
-    with pytest.raises(error, match=message):
+def test_wires_without_a_loop_are_refused_with_those_that_have_one(where, message):
+    with pytest.raises(LinearAnalysisError, match=message):
         loop_transfer(spring_loop(), where)
 
 
@@ -189,8 +138,6 @@ def test_sensitivities_are_those_of_the_textbook(where):
     loop = spring_loop()
     S, T = sensitivity(loop, where), sensitivity(loop, where, complementary=True)
     opened = sensitivity(loop, where, openings="law.velocity")
-    with pytest.raises(NameLookupError, match="no block 'low'"):
-        loop_transfer(loop, where, openings=["low.velocity"])
     for omega in (0.5, 2.0, 7.0):
         s = 1j * omega
         assert S(s) == pytest.approx(1 / (1 + gain_of(s)), rel=1e-12)
@@ -200,38 +147,28 @@ def test_sensitivities_are_those_of_the_textbook(where):
         )
 
 
-def test_margins_of_a_loop_are_those_of_python_control_and_of_its_sensitivity():
-    loop = spring_loop()
-    found, opened = loop_margins(loop, "plant.u"), loop_transfer(loop, "plant.u")
-    (channel,) = found.channels.values()
-    assert channel.phase == pytest.approx(control.margin(opened)[1], rel=1e-4)
-    omega = np.geomspace(0.1, 1e3, 20000)
-    S = 1.0 / (1.0 + gain_of(1j * omega))
-    assert found.disk == pytest.approx(1.0 / np.abs(S - 0.5).max(), rel=1e-3)
-    assert channel.disk == pytest.approx(found.disk, rel=1e-6)
-    assert 1.0 < found.frequency < 30.0
-    plt.figure()
-    control.bode_plot(opened, omega)
-    assert type(control.feedback(opened)) is control.StateSpace
+def test_loops_without_margins_and_bad_frequencies_are_refused():
     with pytest.raises(
         LinearAnalysisError, match=r"closed, it has the unstable poles 1\+2j, 1-2j"
     ):
         loop_margins(turned_loop(), "law.y")
     for omega in ([], 1.0, [1.0, 1.0], "fast", [[1.0, 2.0]]):
         with pytest.raises(TrussflowError, match=r"^omega "):
-            loop_margins(loop, "plant.u", omega=omega)
+            loop_margins(spring_loop(), "plant.u", omega=omega)
 
 
 def test_margins_of_a_known_loop():
     """L = 1 / (s (s + 1)^2): gain margin 2, phase margin 21.39 degrees at 0.6823 rad/s."""
     model = control.tf2ss([1], [1, 2, 1, 0])
-    (found,) = margins_of(model, np.geomspace(0.01, 100, 400)).channels.values()
+    margins = margins_of(model, np.geomspace(0.01, 100, 400))
+    (found,) = margins.channels.values()
     assert (found.gain_up, found.gain_down) == (pytest.approx(2.0, rel=1e-4), 0.0)
     assert found.phase == pytest.approx(21.386, rel=1e-3)
     assert found.crossover == pytest.approx(0.68233, rel=1e-4)
     assert found.delay == pytest.approx(np.radians(21.386) / 0.68233, rel=1e-3)
     scan = np.geomspace(0.1, 10, 20_000)
-    assert found.disk == pytest.approx(control.disk_margins(model, scan)[0], rel=1e-6)
+    disk = control.disk_margins(model, scan)[0]
+    assert [found.disk, margins.disk] == pytest.approx([disk, disk], rel=1e-6)
 
 
 def closed_loop(A, B, C):

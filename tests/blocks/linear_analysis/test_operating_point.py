@@ -1,13 +1,10 @@
 """Operating points: given in part, taken from a simulation, and refused where they do not fit."""
 
-import inspect
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from systems import ports
 
-from trussflow import blocks
 from trussflow.blocks import (
     Block,
     Constant,
@@ -27,8 +24,6 @@ from trussflow.blocks import (
 )
 from trussflow.blocks.errors import ParameterError, SimulationError
 from trussflow.blocks.framework.declarations import State
-from trussflow.blocks.framework.run_state import Running
-from trussflow.blocks.linear_analysis import uncertainty
 
 ROUND_OFF = 1e-14  # relative: a few operations of 1e-16 each
 
@@ -84,28 +79,6 @@ def test_a_session_says_where_it_is_with_the_parameters_that_were_changed():
     assert list(later.parameters) == ["plant.initial_value"]
     with pytest.raises(SimulationError, match=r"is not started"):
         OperatingPoint.of(session)
-
-
-def test_a_run_goes_on_from_a_point():
-    there = operating_point_after(oscillator(), 1.0, step=0.01)
-    half = operating_point_after(oscillator(), 0.5, step=0.01)
-    rest = operating_point_after(oscillator(), 0.5, at=half, step=0.01)
-    assert rest.time == there.time == 1.0
-    assert_allclose(rest.states["plant.x"], there.states["plant.x"], rtol=1e-13)
-
-
-class Clocked(Block):
-    """Its gain is the time."""
-
-    u = Input()
-    y = Output()
-
-    def output(self, t, x, u, p):
-        return {"y": t * u.u}
-
-
-def test_the_time_of_the_point_counts():
-    assert linearize(Clocked(), at=OperatingPoint(time=2.5)).D == [[2.5]]
 
 
 class Starting(Block):
@@ -177,38 +150,3 @@ def test_a_circle_of_held_outputs_that_settles_is_an_operating_point():
     first >> plant
     held = linearize(diagram, "plant.u", "plant.y").operating_point.held
     assert held == {"first.y": 2.0, "second.y": 2.0}
-
-
-def test_what_python_blocks_cannot_hand_over_is_no_operating_point():
-    class Hiding(Block):
-        traced = False
-        u = Input()
-
-        def open(self, p):
-            return Running()
-
-    diagram = Diagram()
-    diagram.add(h=Hiding().sampled(0.1))
-    diagram.expose(u=diagram.h.u)
-    with pytest.raises(
-        SimulationError, match=r"cannot save: block 'h' \(Hiding\) has a state"
-    ):
-        operating_point_after(diagram, 0.1, step=0.1)
-    with pytest.raises(SimulationError, match=r"duration = -1.0 must be a positive"):
-        operating_point_after(oscillator(), -1.0, step=0.05)
-
-
-def test_every_analysis_calls_the_operating_point_at():
-    """And no other argument is called so."""
-    functions = filter(
-        inspect.isfunction, [*vars(blocks).values(), *vars(uncertainty).values()]
-    )
-    arguments = [
-        p
-        for function in functions
-        for p in inspect.signature(function).parameters.values()
-    ]
-    points = [p.name for p in arguments if "OperatingPoint" in str(p.annotation)]
-    assert len(points) >= 12
-    assert set(points) == {"at"}
-    assert [p.name for p in arguments].count("at") == len(points)

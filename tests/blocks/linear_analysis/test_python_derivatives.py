@@ -17,7 +17,7 @@ from trussflow.blocks import (
     linearize,
     trim,
 )
-from trussflow.blocks.errors import BlockError, LinearAnalysisError, SimulationError
+from trussflow.blocks.errors import BlockError, LinearAnalysisError
 from trussflow.blocks.framework.run_state import Running
 
 
@@ -115,18 +115,6 @@ def test_a_kink_of_a_small_value_is_seen_beside_a_large_one():
         LinearAnalysisError, match=r"cannot differentiate Python block 'block'"
     ):
         linearize(function(lambda u: np.array([1e9 * u[0], abs(u[1] + 2.0 + 1e-9)])))
-
-
-def test_errors_in_the_code_of_a_block_name_the_block():
-    def broken(u):
-        if u[0] != 0.5:
-            raise RuntimeError("out of range")
-        return u
-
-    with pytest.raises(
-        SimulationError, match=r"output\(\) of block 'block' .*: out of range"
-    ):
-        linearize(function(broken))
 
 
 def test_own_derivatives_are_checked():

@@ -10,14 +10,12 @@ from trussflow.blocks import (
     DiscreteStateSpace,
     Free,
     Function,
-    Gain,
     Integrator,
     OperatingPoint,
     PythonFunction,
     StateSpace,
     UnitDelay,
     linearize,
-    operating_point_after,
     trim,
 )
 from trussflow.blocks.errors import (
@@ -62,13 +60,6 @@ def test_a_steady_climb_has_rates_and_outputs_that_are_not_zero(aircraft):
     assert same.states["body.angle"] == pytest.approx(angle)
 
 
-def test_the_point_found_is_where_the_simulation_stays(aircraft):
-    at = trim(aircraft, states={"body.speed": 100.0}, inputs=FREE)
-    later = operating_point_after(aircraft, 5.0, at=at, step=0.01)
-    for name, value in at.states.items():
-        assert_allclose(later.states[name], value, rtol=1e-10, atol=1e-8)
-
-
 def test_bounds_are_kept_and_starts_choose_between_solutions():
     block = Function(lambda u: u**2 - 4.0)
     for start, expected in ((1.0, 2.0), (-1.0, -2.0)):
@@ -78,6 +69,7 @@ def test_bounds_are_kept_and_starts_choose_between_solutions():
         block, inputs={"u": Free(start=3.0, lower=-5.0, upper=-0.5)}, outputs={"y": 0.0}
     )
     assert inside.inputs["u"] == pytest.approx(-2.0)
+    assert trim(block).residual == 0.0  # no conditions
 
 
 def test_parts_of_states_and_inputs_are_fixed_or_free():
@@ -145,15 +137,6 @@ def test_sampled_and_python_blocks_rest_too(python):
     assert_allclose(at.held["delay.y"], 1.5, rtol=ROUND_OFF)
     model = linearize(diagram, at=at)
     assert model.dt == 0.5
-
-
-def test_a_free_diagram_without_states_meets_its_outputs():
-    diagram = Diagram()
-    a, b = diagram.add(a=Gain(2.0), b=Gain(3.0))
-    a >> b
-    diagram.expose(u=a.u)
-    assert trim(diagram, inputs={"u": Free()}, outputs={"b.y": 12.0}).inputs["u"] == 2.0
-    assert trim(diagram).residual == 0.0
 
 
 # -- what cannot be met ----------------------------------------------------------------------------
@@ -226,21 +209,6 @@ def test_sampled_values_that_cannot_rest_are_named():
             r"'body.speed\[0\]' does not fit the shape \(\)",
         ),
         (
-            {"inputs": {"flaps": 1.0}},
-            NameLookupError,
-            r"nothing is called 'flaps'; there are: thrust, lift",
-        ),
-        (
-            {"outputs": {"sink": 1.0}},
-            NameLookupError,
-            r"no port 'sink'; inputs: .* outputs: climb",
-        ),
-        (
-            {"rates": {"body.mach": 1.0}},
-            NameLookupError,
-            r"nothing is called 'body.mach'",
-        ),
-        (
             {"rates": {"body.angle": np.nan}},
             ParameterError,
             r"rate of 'body.angle' is not finite",
@@ -249,11 +217,6 @@ def test_sampled_values_that_cannot_rest_are_named():
             {"outputs": {"climb": [1.0, 2.0]}},
             ParameterError,
             r"output 'climb' has shape \(2,\)",
-        ),
-        (
-            {"states": {"body.speed": np.nan}},
-            ParameterError,
-            r"state 'body.speed' is not finite: nan",
         ),
         (
             {"states": {"body.speed": [1.0, 2.0]}},

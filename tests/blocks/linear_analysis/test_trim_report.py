@@ -4,34 +4,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from systems import series
+from systems import Lag, series
 
 from trussflow.blocks import (
-    Block,
     Diagram,
     DiscreteStateSpace,
     Free,
     Gain,
-    Input,
-    Output,
-    State,
     TransferFunction,
     trim,
 )
 from trussflow.blocks.errors import TrimError
 
 
-class PythonLag(Block):
+class PythonLag(Lag):
     """A lag that is not traced."""
 
     traced = False
-    u, y, x = Input(), Output(), State()
-
-    def output(self, t, x, u, p):
-        return {"y": x.x}
-
-    def derivative(self, t, x, u, p):
-        return {"x": u.u - x.x}
 
     def feedthrough(self):
         return {"y": ()}

@@ -51,18 +51,6 @@ def test_the_smallest_delay_of_several_crossings_counts():
     assert coarse[1] == pytest.approx(1.0, rel=1e-3)
 
 
-def test_gains_of_a_matrix_are_its_eigenvalues():
-    """Two loops, coupled by a rotation: eigenvalues k e^(+-ja) / s; the worse turn counts."""
-    for angle in (0.0, 0.4, 1.2):
-        rotation = 2 * np.array(
-            [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-        )
-        loop = control.ss(np.zeros((2, 2)), np.eye(2), rotation, np.zeros((2, 2)))
-        delay, omega = delay_margin(loop)
-        assert omega == pytest.approx(2.0, rel=1e-9)
-        assert delay == pytest.approx((np.pi / 2 - angle) / 2, rel=1e-8)
-
-
 def test_loops_that_no_delay_harms_and_loops_that_any_does():
     delay, omega = delay_margin(control.tf2ss([0.5], [1.0, 1.0]))
     assert np.isinf(delay)

@@ -1,6 +1,5 @@
 """Uncertain models against exact members: nothing beyond the bounds, and the bounds are reached."""
 
-from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -15,8 +14,6 @@ from trussflow.blocks.errors import (
 )
 from trussflow.blocks.linear_analysis.uncertainty import uncertain, worst_gain
 from trussflow.blocks.linear_analysis.uncertainty.gain_series import GainSeries, corners
-from trussflow.models import TunableTruss
-from trussflow.models.truss.variations import loaded, scaled
 
 TOLERANCE = 0.05
 
@@ -164,74 +161,6 @@ def test_no_member_exceeds_the_bound_of_the_series(seed):
     assert greatest < bound < 1.5 * greatest
 
 
-def test_the_bound_of_small_boxes_is_sharp():
-    """What the bound adds to the greatest gain falls with the square of the box: the first order is exact."""
-    box, _ = box_of(1)
-    excess = []
-    for width in (1e-2, 1e-3):
-        small = np.vstack([box[:5], box[5:] / width])
-        small[:, :5] *= width
-        small[5:, 5:] += np.eye(2, 1)
-        greatest = max(gain_in(small, delta) for delta in corners(3))
-        excess.append(GainSeries(small, BLOCKS).bound - greatest)
-    assert 0.0 <= excess[1] < excess[0] / 9.0
-
-
-def test_a_box_that_may_hold_a_pole_has_no_bound():
-    box = np.array([[1.1, 1.0], [1.0, 0.0]])
-    assert GainSeries(box, [slice(0, 1)]).bound == np.inf
-
-
-def aligned(truss, like):
-    """Return the truss with shapes of the sign that another one's have: a mode may have either."""
-    sign = np.sign(np.einsum("pim,pim->m", truss.shapes, like.shapes))
-    moving = ("shapes", "grasp_translations", "grasp_rotations")
-    return replace(truss, **{name: sign * getattr(truss, name) for name in moving})
-
-
-@pytest.mark.campaign
-def test_a_truss_with_uncertain_mass_frequency_damping_and_payload():
-    plant = TunableTruss.consistent(modes=3)
-    modes = plant.dynamics.modes
-    tip = modes.positions[np.argmax(np.linalg.norm(modes.positions, axis=1))]
-
-    def becoming(mass, frequency, damping, payload):
-        bare = scaled(modes.damped(0.0), mass=mass, frequency=frequency)
-        truss = aligned(loaded(bare, tip, payload).damped(damping), modes)
-        return {
-            f"truss.{name}": value
-            for name, value in plant.truss_parameters(truss).items()
-        }
-
-    diagram = series("truss", truss=plant)
-    diagram.ground(plant.actuation)
-    ranges = {
-        "mass": (0.95, 1.05),
-        "frequency": (0.95, 1.05),
-        "damping": (0.01, 0.03),
-        "payload": (0.0, 10.0),
-    }
-    ports = "truss.actuation[2]", "truss.grasp_displacement[3,2]"
-    model = uncertain(diagram, *ports, ranges, becoming=becoming)
-    assert model.misfit < 0.01
-    poles = np.abs(model.nominal.poles())
-    omega = np.array([0.8, 0.95, 1.0, 1.05, 1.2]) * np.min(poles[poles > 1.0])
-    found = worst_gain(model, omega, tolerance=0.1, boxes=20_000)
-    assert np.all(gains(model, omega, 200) < found.bound)
-    middles, halves = np.transpose(
-        [((low + high) / 2, (high - low) / 2) for low, high in ranges.values()]
-    )
-    worst = [
-        abs(
-            model.family(
-                (np.array([values[name] for name in ranges]) - middles) / halves
-            )(1j * w)
-        )
-        for values, w in zip(found.parameters, omega, strict=True)
-    ]
-    assert np.all(np.array(worst) > found.bound / 1.2)
-
-
 @pytest.mark.parametrize(
     "ranges, message",
     [
@@ -260,13 +189,6 @@ def test_bad_ranges_are_refused(ranges, message):
 def test_models_without_a_greatest_gain_are_refused(ranges, omega, message):
     with pytest.raises(LinearAnalysisError, match=message):
         worst_gain(model_of(**ranges), omega)
-
-
-def test_a_point_that_is_none_is_refused():
-    with pytest.raises(
-        LinearAnalysisError, match="an operating point must be an OperatingPoint"
-    ):
-        uncertain(Oscillator(), "u", "y[0]", {"Oscillator.mass": 0.1}, at={"u": 1.0})
 
 
 def test_deltas_beyond_one_are_refused():
