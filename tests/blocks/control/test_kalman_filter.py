@@ -55,6 +55,11 @@ def test_gain_does_not_depend_on_the_unit_of_noise(factor):
     assert_near(gain, expected, TOLERANCE)
 
 
+def covariance(block, found, k):
+    """Return the covariance of an estimate: constant in the steady filter."""
+    return found["covariance"][k] if "covariance" in found else block.covariance
+
+
 @pytest.mark.parametrize("behind, ahead", [(0, 0), (2, 0), (0, 3), (2, 1)])
 @pytest.mark.parametrize("make", [KalmanFilter, ExtendedKalmanFilter])
 def test_delays_shift_the_filter_without(behind, ahead, make, follow):
@@ -62,7 +67,8 @@ def test_delays_shift_the_filter_without(behind, ahead, make, follow):
     of, g, late = plant(1), np.random.default_rng(1), behind + ahead
     settings = {"initial_covariance": 3.0} if make is ExtendedKalmanFilter else {}
     y, acting = g.normal(size=(40, 2)), g.normal(size=(40, 2))
-    plain = follow(make(LinearProcess(**of), **settings), y, acting)
+    prompt = make(LinearProcess(**of), **settings)
+    plain = follow(prompt, y, acting)
     told = y - plain["predicted"] @ of["C"].T - acting @ of["D"].T
     assert_near(plain["innovation"], told, TOLERANCE)
     delays = {"measurement_delay": 0.1 * behind, "command_delay": 0.1 * ahead}
@@ -75,10 +81,11 @@ def test_delays_shift_the_filter_without(behind, ahead, make, follow):
         assert_array_equal(ours[name], plain[name][: 40 - late])
     A, B = of["A"], of["B"]
     for k in (0, 5, 30):
-        x = plain["estimate"][k]
+        x, P = plain["estimate"][k], covariance(prompt, plain, k)
         for i in range(k, k + behind):
-            x = A @ x + B @ acting[i]
+            x, P = A @ x + B @ acting[i], A @ P @ A.T + of["covariance"]
         assert_array_equal(ours["estimate"][k], x)
+        assert_array_equal(covariance(delayed, ours, k), P)
         for i in range(k + behind, k + late):
             x = A @ x + B @ acting[i]
         assert_array_equal(ours["prediction"][k], x)

@@ -81,6 +81,16 @@ def test_a_session_says_where_it_is_with_the_parameters_that_were_changed():
         OperatingPoint.of(session)
 
 
+def test_a_run_goes_on_from_a_point():
+    there = operating_point_after(oscillator(), 1.0, step=0.01)
+    half = operating_point_after(oscillator(), 0.5, step=0.01)
+    rest = operating_point_after(oscillator(), 0.5, at=half, step=0.01)
+    assert rest.time == there.time == 1.0
+    assert_allclose(rest.states["plant.x"], there.states["plant.x"], rtol=1e-13)
+    with pytest.raises(SimulationError, match=r"duration = -1.0 must be a positive"):
+        operating_point_after(oscillator(), -1.0, step=0.05)
+
+
 class Starting(Block):
     """Starts at the logarithm of its input, which must not be zero then."""
 

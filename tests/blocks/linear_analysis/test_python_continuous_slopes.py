@@ -21,6 +21,8 @@ from trussflow.blocks import (
     loop_transfer,
     trim,
 )
+from trussflow.blocks.linear_analysis.opened_model import LocalJacobians
+from trussflow.blocks.linear_analysis.trim import _Problem
 
 
 class Swing(Block):
@@ -138,3 +140,17 @@ def test_a_point_of_rest_is_found(sampled):
     for name, value in exact.states.items():
         assert_near(found.states[name], value, 1e-7)
     assert_near(found.held["second.y"], [0.35], 1e-8)
+
+
+def test_the_equations_of_trim_have_exact_derivatives():
+    diagram = loop(Swing, sampled=True, python=True)
+    problem = _Problem(diagram, {}, {"r": Free()}, {"y": [0.3]}, {}, None)
+    z = problem._z + 0.01 * np.random.default_rng(1).normal(size=problem._z.size)
+    with LocalJacobians(problem._model, 0.0, problem._p) as local:
+        ends = [
+            [problem._residual(local, z + h * sign) for sign in (1, -1)]
+            for h in 1e-5 * np.eye(z.size)
+        ]
+        columns = [(up - down) / 2e-5 for up, down in ends]
+        jacobian = problem._jacobian(local, z)
+    assert_near(jacobian, np.stack(columns, axis=1), 1e-8)

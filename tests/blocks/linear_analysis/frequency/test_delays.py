@@ -51,6 +51,16 @@ def test_the_smallest_delay_of_several_crossings_counts():
     assert coarse[1] == pytest.approx(1.0, rel=1e-3)
 
 
+def test_the_worst_eigenvalue_of_a_matrix_counts():
+    """Two loops, coupled by a rotation, have the eigenvalues k e^(+-ja) / s."""
+    k, angle = 2.0, 0.4
+    turn = k * np.array(
+        [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    )
+    delay, _ = delay_margin(control.ss(0 * turn, np.eye(2), turn, 0 * turn))
+    assert delay == pytest.approx((np.pi / 2 - angle) / k, rel=1e-8)
+
+
 def test_loops_that_no_delay_harms_and_loops_that_any_does():
     delay, omega = delay_margin(control.tf2ss([0.5], [1.0, 1.0]))
     assert np.isinf(delay)
