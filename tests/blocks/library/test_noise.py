@@ -89,7 +89,7 @@ def test_numbers_depend_on_seed_and_instant_only(settings, respond):
 
 
 def test_drift_is_a_random_walk(respond):
-    """Its standard deviation is K √t."""
+    """Its standard deviation is K √t, that of its steps K √T."""
     step, walk = 0.1, 0.3
     drift = samples(
         respond, Drift(walk, step, seed=5, shape=400), 100.0, step=step, log_step=step
@@ -97,6 +97,8 @@ def test_drift_is_a_random_walk(respond):
     times = np.arange(1, 1000) * step
     deviation = drift[1:].std(axis=1) / np.sqrt(times)
     assert_allclose(deviation, walk, rtol=4 / np.sqrt(800))
+    steps = np.diff(drift, axis=0)
+    assert steps.std() == pytest.approx(walk * np.sqrt(step), rel=0.01)
 
 
 def test_drift_with_a_correlation_time_settles(respond):
