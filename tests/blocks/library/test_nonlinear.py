@@ -1,12 +1,16 @@
 """Limits of size and rate."""
 
+import copy
+
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 from systems import assert_near
 
 from trussflow.blocks import (
+    ConventionalSlidingMode,
     DeadZone,
     Function,
     Input,
@@ -31,15 +35,23 @@ def test_saturation_clips_and_dead_zone_passes_the_rest(u, limits, evaluate):
     assert_near(rest + limited, u, 1e-14)
 
 
-def test_saturation_does_not_hide_nan(backend, respond):
+LAYER = ConventionalSlidingMode(slope=2.0, eta=1.0, boundary_layer=0.1)
+
+
+@pytest.mark.parametrize(
+    "block, port, shown",
+    [(Saturation(-1.0, 1.0), "u", "y"), (LAYER, "position", "feedback")],
+)
+def test_limits_do_not_hide_nan(block, port, shown, backend, respond):
     """The minimum of CasADi's interpreter would: of a number and NaN it returns the number."""
     undefined = Function(
         lambda u: np.sqrt(u - 1.0), {"u": Input(default=0.0)}, {"y": Output()}
     )
-    settings = {"backend": backend, "log": ["block.y"], "not_finite": "ignore"}
+    settings = {"backend": backend, "log": [f"block.{shown}"], "not_finite": "ignore"}
+    inputs = {each.name: 0.0 for each in block.inputs()} | {port: undefined}
     with np.errstate(invalid="ignore"):
-        result = respond(Saturation(-1.0, 1.0), 0.01, settings, u=undefined)
-    assert np.isnan(result["block.y"]).all()
+        result = respond(copy.deepcopy(block), 0.01, settings, **inputs)
+    assert np.isnan(result[f"block.{shown}"]).all()
 
 
 def test_quantizer_does_not_hide_nan(evaluate):

@@ -3,18 +3,22 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from systems import assert_near
+from systems import assert_near, series
 
 from trussflow.blocks import (
     Backlash,
+    Block,
     Constant,
     Diagram,
+    Event,
     Integrator,
     LimitedIntegrator,
+    Parameter,
     Pulse,
     Ramp,
     Relay,
     Sine,
+    State,
     Step,
     StopWhen,
     Switch,
@@ -160,6 +164,24 @@ def test_signal_at_its_threshold_at_the_start_leaves_it(settings):
     )
     end = 1 - 1 / 12 - 1 / 48  # the integral of t^2 - t/2 from 1/2 to 1
     assert_near(run(d, 1.0, settings)["block.y"][-1], end, LOCATION_ERROR)
+
+
+class Empty(Block):
+    """A tank that ends the run when it is empty, with a parameter called as the text of `StopWhen`."""
+
+    message, level = Parameter(3.0), State(initial=1.0)
+    empty = Event("terminal")
+
+    def derivative(self, t, x, u, p):
+        return {"level": -p.message + 0.0 * x.level}
+
+    def indicators(self, t, x, u, p):
+        return {"empty": -x.level}
+
+
+def test_a_parameter_is_no_text_of_a_terminal_event():
+    ended = simulate(series(tank=Empty()), 1.0, step=0.01).attrs["ended"]
+    assert ended == "'tank' ended the run at t = 0.333333333333 s"
 
 
 def test_backlash_is_play(respond):
