@@ -286,7 +286,7 @@ FAULTS = (
     Fault("models/mean_axes/free_modes.py", "tests/models/mean_axes/test_free_modes.py",
           "damping ratio of the free modes",
           "/ (2.0 * frequencies)", "/ frequencies"),
-    Fault("models/geometry/rotation.py", "tests/models/geometry/test_rotation.py",
+    Fault("models/geometry/rotation.py", "tests/models/plant/test_nominal_model.py",
           "sign in the derivative of the rate matrix",
           "-by_phi * c_theta - by_theta * s_theta", "-by_phi * c_theta + by_theta * s_theta"),
     Fault("models/dynamics/dynamics.py", "tests/models/dynamics/test_dynamics_conservation.py",

@@ -63,21 +63,6 @@ def test_every_shipped_value_has_unit_and_source(name, units):
         assert np.all(np.isfinite(entry["value"])), place
 
 
-def test_transport_missions_are_those_of_the_paper():
-    """Section 4, read through the checks of units."""
-    files = [LayeredFile.read(shipped_file(f"case_{case}.toml")) for case in (1, 2)]
-    one, two = (file.table("path") for file in files)
-    assert_array_equal(one.array("position", "m", (3,)), [0.0, 0.0, 6.0])
-    assert_array_equal(two.array("position", "m", (3,)), [6.0, 6.0, 0.0])
-    assert two.array("attitude", "rad", (3,))[2] == pytest.approx(np.pi / 3, rel=1e-15)
-    assert [t.scalar("duration", "s") for t in (one, two)] == [60.0, 60.0]
-    gains = [file.table("controller") for file in files]
-    assert [t.scalar("observer_bandwidth", "1/s") for t in gains] == [4.0, 2.0]
-    assert [t.scalar("reaching_gain", "1/s") for t in gains] == [0.3, 0.52]
-    weights = files[0].table("allocation").array("torque_weights", "1", (3,))
-    assert_array_equal(weights, [2.0, 1.2, 1.0 / 6.0])
-
-
 @pytest.fixture
 def table():
     text = """

@@ -9,7 +9,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
 from systems import assert_near
 
 from trussflow.models import EULER, QUATERNION, RobotArm, TrussDynamics
@@ -132,21 +131,3 @@ def test_published_energy_defect_of_turning_hands_is_of_first_order_in_deformati
         )
     slopes = np.diff(np.log10(np.abs(defects)))
     assert np.all(np.abs(slopes + 1.0) < 0.1)
-
-
-def test_rigid_truss_conserves_in_both_variants(modes, random_state):
-    """Without modes nothing is neglected, and the two variants are one."""
-    systems = [
-        TrussDynamics(
-            modes=modes.truncated(0),
-            arms=(RobotArm.literal(),) * 4,
-            elastic_integrals=e,
-        )
-        for e in (False, True)
-    ]
-    q, v = random_state(systems[0])
-    first, second = (system.evaluate(q, v) for system in systems)
-    assert_array_equal(first.mass_matrix, second.mass_matrix)
-    assert_array_equal(first.bias, second.bias)
-    error = rate(partial(energy, systems[0]), q, v, *flow(systems[0], q, v))
-    assert abs(error) < TOLERANCE * power_scale(systems[0], q, v)

@@ -149,14 +149,6 @@ def test_quaternions_lead_beyond_euler_angles():
     assert np.abs(axis[1:, 1:]).max() < 1e-9
 
 
-def test_a_finer_grid_is_no_slower():
-    durations = [
-        fastest(TRUSS, CURVED, LIMITS, intervals=n).duration for n in (10, 20, 40)
-    ]
-    assert durations[0] > durations[1] > durations[2]
-    assert durations[0] < 1.02 * durations[2]
-
-
 def test_the_motion_passes_the_waypoints_from_rest_to_rest():
     path = fastest(TRUSS, CURVED, LIMITS)
     diagram = series(moves=path)

@@ -1,7 +1,5 @@
 """Drives of joints: friction, servo, brakes, reflected inertia."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -9,7 +7,6 @@ from scipy.linalg import expm
 from systems import assert_near, simulate_block
 
 from trussflow.blocks import Constant, Diagram, Gain, Integrator, Step, simulate
-from trussflow.blocks.errors import TrussflowError
 from trussflow.models import (
     BrakeLatch,
     Hardware,
@@ -41,32 +38,6 @@ def driven(drives, rate=0.0, load=0.0):
     speed >> drives.rate
     angle >> drives.angle
     return diagram
-
-
-def coasting(duration, rate, **friction):
-    """Return the energies at the start and end, the work of friction, rates, and the angle."""
-    diagram = driven(JointDrives(ONE_JOINT, torque=1.0, **friction), rate)
-    diagram.ground(diagram.drives.command)
-    log = ["speed.y", "angle.y", "drives.torque"]
-    run = simulate(diagram, duration, step=SERVO_STEP / 10, log=log)
-    rates, torques = run["speed.y"].values[:, 0], run["drives.torque"].values[:, 0]
-    work = np.trapezoid(torques * rates, run["time"])
-    energy = 0.5 * LINK_INERTIA * rates**2
-    return energy, work, rates, run["angle.y"].values[-1, 0]
-
-
-def test_viscous_friction_slows_exponentially_and_takes_the_energy():
-    energy, work, rates, _ = coasting(1.0, 0.4, viscous=1.5)
-    assert rates[-1] == pytest.approx(0.4 * np.exp(-1.5 / LINK_INERTIA), rel=1e-9)
-    assert work == pytest.approx(energy[-1] - energy[0], rel=1e-6)
-
-
-def test_coulomb_friction_stops_after_the_way_of_its_work():
-    """Torque times way is the energy at the start; the smooth sign function adds little."""
-    energy, work, rates, way = coasting(1.5, 0.4, coulomb=0.2, transition=1e-4)
-    assert abs(rates[-1]) < 1e-6
-    assert work == pytest.approx(-energy[0], rel=1e-5)
-    assert way == pytest.approx(energy[0] / 0.2, rel=1e-3)
 
 
 def test_a_servo_on_one_inertia_responds_exactly():
@@ -236,9 +207,3 @@ def test_the_expected_torque_includes_the_servo():
     assert_allclose(
         run["ordered"][20:, 24:] - run["servo_torque"][20:], 0.05, rtol=1e-9
     )
-
-
-@pytest.mark.parametrize("make", [partial(JointServo, torque=1.0), BrakeLatch])
-def test_blocks_need_joints(make):
-    with pytest.raises(TrussflowError, match="needs a sequence of at least one Joint"):
-        make([], SERVO_STEP)

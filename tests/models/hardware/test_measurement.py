@@ -79,23 +79,6 @@ def test_a_sample_is_shown_after_the_delay(delay):
     assert_near(measured[:, 0], expected, 1e-12)
 
 
-def test_everything_together_is_the_same_in_every_run():
-    law = Measurement(
-        sample_time=0.1,
-        noise=0.1,
-        random_walk=0.1,
-        initial_bias=0.1,
-        quantum=0.01,
-        delay=0.1,
-    )
-    first, second = (
-        watch(law, Constant([1.0, 2.0]), 2, 5.0, backend=b)[0]
-        for b in ("numpy", "compiled")
-    )
-    # Round-off of the noise may choose another step, but did not for this seed.
-    assert_near(first, second, 1e-12)
-
-
 def test_drives_limit_torque_and_rub():
     joints = [Joint(name) for name in "abcd"]
     drives = JointDrives(joints, torque=0.3, viscous=0.2, coulomb=0.05, transition=1e-3)

@@ -143,13 +143,6 @@ def test_limits_are_never_exceeded_and_lose_what_is_beyond():
     assert mean == pytest.approx(0.25, abs=0.1 / 80)  # nothing wound up
 
 
-def test_propellant_is_impulse_over_exhaust_speed():
-    thrusters = ThrusterSet.pairs(0.4, quantum=0.1, **LAW)
-    result = fire(thrusters, Noise(np.full(6, 0.3), 0.1, seed=5), 20.0)
-    used = result["thrust"].values[:-1].sum() * 0.1 / (70.0 * 9.80665)
-    assert result["propellant"][-1] == pytest.approx(used, rel=1e-12)
-
-
 def test_effectiveness_scales_thrust_and_kills():
     health = Step(1.0, initial_value=0.5, final_value=0.0)
     result = fire(

@@ -67,20 +67,6 @@ def test_feedback_leaves_the_modes_alone():
     assert work[2] < 0.01 * work[0]
 
 
-def test_prices_and_preferences():
-    wanted = acceleration(z=5e-3)
-    plain = allocated(wanted)
-    price = np.ones(len(LIMITS))
-    price[0:3] = 10.0
-    assert np.linalg.norm(allocated(wanted, price=price)[:3]) < 0.6 * np.linalg.norm(
-        plain[:3]
-    )
-    preferred = np.zeros(len(LIMITS))
-    preferred[3] = 0.1
-    moved = allocated(wanted, preferred=preferred)
-    assert moved[3] - plain[3] > 0.01
-
-
 def test_feedback_at_rest_makes_no_second_step_of_thrust():
     """What is beyond it others do; what changes slowly, and a path that moves, may have all."""
     fast, slow = acceleration(z=2e-3), acceleration(z=5e-3)

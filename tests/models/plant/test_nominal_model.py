@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from systems import assert_near, relative_error
+from systems import assert_near, relative_error, respond
 
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.models import NominalModel, SpaceTruss
@@ -29,15 +29,6 @@ def state(truss):
     return q, 0.1 * RNG.standard_normal(truss.n)
 
 
-def outputs(block, **inputs):
-    """Return a block's outputs for given inputs; the others are zero."""
-    values = {p.name: np.zeros(p.whole_shape) for p in block.inputs()} | inputs
-    signals = Signals("test", values)
-    return block.output(
-        np.float64(0), Signals("x", {}), signals, Signals("p", block.parameters)
-    )
-
-
 def actuation_of(commanded):
     return np.linalg.lstsq(
         commanded["actuation_matrix"], commanded["generalized_force"], rcond=None
@@ -49,7 +40,7 @@ def test_commanded_acceleration_comes_out(truss):
     model = NominalModel(truss.dynamics)
     q, v = state(truss)
     wanted, correction, estimate = RNG.standard_normal((3, truss.rigid))
-    commanded = outputs(
+    commanded = respond(
         model,
         coordinates=q,
         speeds=v,
@@ -74,7 +65,7 @@ def test_nominal_acceleration_is_that_of_the_forward_model(truss):
     model, rigid = NominalModel(truss.dynamics), truss.rigid
     q, v = state(truss)
     wanted, estimate = RNG.standard_normal((2, truss.rigid))
-    commanded = outputs(
+    commanded = respond(
         model,
         coordinates=q,
         speeds=v,
@@ -92,7 +83,7 @@ def test_nominal_acceleration_is_that_of_the_forward_model(truss):
 def test_parts_add_up(truss):
     model = NominalModel(truss.dynamics)
     q, v = state(truss)
-    found = outputs(
+    found = respond(
         model, coordinates=q, speeds=v, feedback=RNG.standard_normal(truss.rigid)
     )
     total = found["feedforward_force"] + found["feedback_force"]

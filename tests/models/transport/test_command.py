@@ -1,10 +1,6 @@
 """``python -m trussflow.models.transport``: files, names, and misuse."""
 
 import json
-import signal
-import subprocess
-import sys
-import time
 
 import numpy as np
 import pytest
@@ -193,30 +189,3 @@ def test_divergence_keeps_what_was_logged(tmp_path, capsys):
     with xr.open_dataset(tmp_path / "result.nc") as result:
         assert result.attrs["status"] == "diverged"
         assert np.isfinite(result["position_error"].values).all()
-
-
-@pytest.mark.campaign
-def test_interrupt_keeps_what_was_logged(tmp_path):
-    words = [
-        "trussflow.models.transport",
-        "--duration",
-        "10000",
-        "--output",
-        str(tmp_path),
-    ]
-    process = subprocess.Popen(
-        [sys.executable, "-m", *words],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    while "real time" not in process.stderr.read(1) + process.stderr.readline():
-        assert process.poll() is None
-    time.sleep(0.5)
-    process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=120)
-    assert process.returncode == 1
-    assert "stopped at t =" in error
-    with xr.open_dataset(tmp_path / "result.nc") as result:
-        assert result.attrs["status"] == "interrupted"
-        assert result["time"].values[-1] > 0

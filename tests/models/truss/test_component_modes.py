@@ -20,8 +20,6 @@ from trussflow.models.truss.paper_truss import (
 
 # Pynite gives massless freedoms a tiny mass, which moves shapes by about 1e-7.
 SAME_MODEL = 1e-6
-# Of solutions with a stiffness whose condition takes some digits.
-ROUND_OFF = 1e-9
 CONDENSED_AT = (np.inf, 100.0, 25.0)
 
 

@@ -6,11 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
-from scipy.integrate import solve_bvp
-from systems import assert_near
 
 from trussflow.models import ModelError, TrussModes
-from trussflow.models.truss.truss_modes import LINEAR_LIMIT, axial
 
 TOLERANCE = 1e-12  # round-off of sums over 128 points
 
@@ -30,31 +27,6 @@ def test_shipped_truss_is_the_paper_s(modes):
     assert_array_equal(modes.grasp_positions, points)
     assert not np.any(modes.damping_ratios)
     assert (modes.modes, modes.grasps) == (6, 4)
-
-
-def test_integrals_are_sums_over_the_points(modes):
-    """Eq. 19, each integral written out."""
-    m, r, shapes = modes.masses, modes.positions, modes.shapes
-    assert np.allclose(modes.static_moment, m @ r, rtol=TOLERANCE, atol=0)
-    expected = sum(
-        m_k * (p @ p * np.eye(3) - np.outer(p, p)) for m_k, p in zip(m, r, strict=True)
-    )
-    assert np.allclose(modes.inertia, expected, rtol=TOLERANCE, atol=TOLERANCE)
-    momentum = np.einsum("n,nia->ia", m, shapes)
-    assert_near(modes.momentum_coefficients, momentum, 1e-11)
-    assert_near(modes.modal_mass, np.eye(6), 1e-10)
-
-
-def test_axial_of_an_outer_product_is_the_cross_product(rng):
-    a, b = rng.standard_normal((2, 3))
-    assert_near(axial(np.outer(a, b)), np.cross(a, b), TOLERANCE)
-
-
-def test_stiffness_and_damping_of_the_modes(modes):
-    w = 2 * np.pi * modes.frequencies
-    assert np.allclose(modes.stiffness, w**2, rtol=TOLERANCE, atol=0)
-    assert_array_equal(modes.damped(0.005).damping_ratios, np.full(6, 0.005))
-    assert not np.any(modes.damping_ratios)
 
 
 def test_truncation_keeps_the_first_modes(modes):
@@ -172,28 +144,6 @@ def test_unusable_files(modes, tmp_path, change, message):
     path.write_text(change(json.loads(path.read_text())))
     with pytest.raises(ModelError, match=message):
         TrussModes.load(path)
-
-
-def test_the_linear_range_is_where_a_cantilever_is_right_to_a_percent():
-    """The elastica under an end load, against linear theory, at a deflection of `LINEAR_LIMIT`."""
-    load = 3.0 * LINEAR_LIMIT  # P L^2 / (E I): the linear deflection is a third of it
-
-    def elastica(_, y):
-        angle, curvature, _, _ = y
-        return np.array(
-            [curvature, -load * np.cos(angle), np.cos(angle), np.sin(angle)]
-        )
-
-    def clamped(start, end):
-        return np.array([start[0], start[2], start[3], end[1]])
-
-    s = np.linspace(0.0, 1.0, 21)
-    solution = solve_bvp(
-        elastica, clamped, s, np.vstack([0 * s, 0 * s, s, 0 * s]), tol=1e-9
-    )
-    along, across = solution.y[2:, -1]
-    assert load / 3.0 / across - 1.0 == pytest.approx(0.0102, abs=1e-4)
-    assert 1.0 - along == pytest.approx(0.6 * LINEAR_LIMIT**2, rel=0.02)
 
 
 def test_deflection_is_the_greatest_of_displacement_and_rotation(modes):

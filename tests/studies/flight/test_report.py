@@ -2,7 +2,6 @@
 
 import json
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from flight.campaigns import all_campaigns
 from flight.failures import FAILURE_METRICS
 from flight.limits import IMPERFECTIONS, LAWS
 from flight.margins import VARIATIONS
-from flight.metrics import GOALS, METRICS
+from flight.metrics import METRICS
 from flight.report import write
 
 
@@ -80,18 +79,3 @@ def test_all_results_are_in_the_report(tmp_path):
     assert numbers["case 1: late position, greatest"]["value"] == pytest.approx(
         1.0, rel=1e-9
     )
-
-
-@pytest.mark.campaign
-@pytest.mark.usefixtures("plant")
-def test_a_campaign_resumes(tmp_path):
-    """A second call reads the finished runs; a run equals that of its parameters alone."""
-    campaign = replace(all_campaigns(2)[0], duration=0.1)
-    first = campaign.run(tmp_path, executor="serial")
-    assert np.isfinite([first[name].values for name in GOALS]).all()
-    assert 0.0 < first["position"].values.max() < 1e-3
-    xr.testing.assert_equal(campaign.run(tmp_path, executor="serial"), first)
-    alone = replace(campaign, rows=campaign.rows[1:], labels=[101]).run(
-        executor="serial"
-    )
-    assert alone["position"].values[0] == first["position"].values[1]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 import exudyn as exu
@@ -258,61 +257,37 @@ class TrussSystem:
         """Return a quantity of a node, in inertial axes."""
         return np.array(self.mbs.GetNodeOutput(node, quantity))
 
-    def _across_joints(self):
-        """Yield the nodes before and after each joint."""
-        for chain in self.chains:
-            nodes = [self.mbs.GetObject(body)["nodeNumber"] for body in chain[:-1]]
-            yield from pairwise(nodes)
+    def joint_accelerations(self):
+        """Return the difference of the angular accelerations of two bodies, along each joint's axis.
 
-    def about_joints(self, quantity):
-        """Return the difference of an angular quantity of the two bodies, along each joint's axis.
-
-        Of the angular accelerations this is the joint acceleration: what the turning of the
-        axes adds is perpendicular to the axis.
+        The part of the turning of the axes is perpendicular to the axis.
         """
         found = []
-        for before, after in self._across_joints():
-            axis = self.read(after, OUTPUT.RotationMatrix).reshape(3, 3)[:, 2]
-            found.append(
-                axis @ (self.read(after, quantity) - self.read(before, quantity))
-            )
+        for chain in self.chains:
+            nodes = [self.mbs.GetObject(body)["nodeNumber"] for body in chain[:-1]]
+            turning = [self.read(node, OUTPUT.AngularAcceleration) for node in nodes]
+            for node, change in zip(nodes[1:], np.diff(turning, axis=0), strict=True):
+                axis = self.read(node, OUTPUT.RotationMatrix).reshape(3, 3)[:, 2]
+                found.append(axis @ change)
         return np.array(found)
-
-    def joint_angles(self):
-        """Return the joint angles, each within a turn."""
-        tables = [table for name in self.arms for table in arm_file(name)["links"]]
-        found = []
-        for table, (before, after) in zip(tables, self._across_joints(), strict=True):
-            first, second = (
-                self.read(node, OUTPUT.RotationMatrix).reshape(3, 3)
-                for node in (before, after)
-            )
-            turn = (first @ fixed_rotation(table)).T @ second
-            found.append(np.arctan2(turn[1, 0], turn[0, 0]))
-        return np.array(found)
-
-    def speeds(self):
-        """Return v."""
-        turned = self.read(self.frame_node, OUTPUT.RotationMatrix).reshape(3, 3)
-        return np.concatenate(
-            [
-                self.read(self.frame_node, OUTPUT.Velocity) @ turned,
-                self.read(self.frame_node, OUTPUT.AngularVelocity) @ turned,
-                self.about_joints(OUTPUT.AngularVelocity),
-                self.read(self.modal_node, OUTPUT.Coordinates_t),
-            ]
-        )
 
     def accelerations(self):
         """Return dv/dt."""
         turned = self.read(self.frame_node, OUTPUT.RotationMatrix).reshape(3, 3)
-        velocity, spin = self.speeds()[:3], self.speeds()[3:6]
+        velocity, spin, acceleration, turning = (
+            self.read(self.frame_node, quantity) @ turned
+            for quantity in (
+                OUTPUT.Velocity,
+                OUTPUT.AngularVelocity,
+                OUTPUT.Acceleration,
+                OUTPUT.AngularAcceleration,
+            )
+        )
         return np.concatenate(
             [
-                self.read(self.frame_node, OUTPUT.Acceleration) @ turned
-                - np.cross(spin, velocity),
-                self.read(self.frame_node, OUTPUT.AngularAcceleration) @ turned,
-                self.about_joints(OUTPUT.AngularAcceleration),
+                acceleration - np.cross(spin, velocity),
+                turning,
+                self.joint_accelerations(),
                 self.read(self.modal_node, OUTPUT.Coordinates_tt),
             ]
         )

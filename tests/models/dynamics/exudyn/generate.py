@@ -1,8 +1,8 @@
-"""Write what Exudyn computes for the truss and its robots: accelerations and a motion.
+"""Write the accelerations that Exudyn computes for the truss and its robots.
 
-``python tests/models/dynamics/exudyn/generate.py`` writes ``accelerations.npz`` and ``motion.npz`` beside
-itself, in some minutes. It needs Exudyn 1.13 (``pip install -e .[exudyn]``) and none of this
-package; only the two shipped files of arm parameters are read. The tests need the two files only.
+``python tests/models/dynamics/exudyn/generate.py`` writes ``accelerations.npz`` beside itself.
+It needs Exudyn 1.13 (``pip install -e .[exudyn]``) and none of this package; only the two
+shipped files of arm parameters are read. The tests need the written file only.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import exudyn as exu
 import numpy as np
-from exudyn_system import OUTPUT, State, TrussSystem
+from exudyn_system import State, TrussSystem
 from pin_jointed_truss import truss
 from scipy.linalg import null_space
 
@@ -22,11 +22,6 @@ SCALES = (1.0, 0.16, 0.08, 0.04, 0.02)
 # Exudyn differentiates the joints' Jacobians numerically for their acceleration. With this
 # step its noise is least.
 DIFFERENCE_STEP = 1e-6
-
-DURATION = 2.5  # [s]
-SAMPLES = 5
-STEPS = (2560, 5120, 10240)
-NEWTON = 1e-10  # relative; much less is lost in round-off
 
 
 def settings():
@@ -103,72 +98,11 @@ def accelerations(any_axis, one_axis):
     return found
 
 
-def motion(flexible):
-    """Return a motion by the trapezoidal rule, at three steps, each half of the one before."""
-    rng = np.random.default_rng(2027)
-    state = random_state(flexible, 4, 0.5, rng)
-    per_base = np.tile([0.1, 0.1, 0.1, 0.01, 0.01, 0.01], 4)
-    inputs = np.concatenate([per_base, np.full(28, 1e-4)]) * state.actuation
-    # Slow at the start: the links are light, and the moving truss shakes them soon enough.
-    v = np.concatenate([0.03 * state.v[:34], state.v[34:]])
-    state = State(q=state.q, v=v, actuation=inputs)
-    runs = [trajectory(flexible, state, steps) for steps in STEPS]
-    return {
-        **{f"one_axis.{key}": value for key, value in flexible.fields().items()},
-        "arms": np.array(ARMS),
-        "q": state.q,
-        "v": state.v,
-        "actuation": state.actuation,
-        "times": DURATION / SAMPLES * np.arange(1, SAMPLES + 1),
-        **{name: np.array([run[name] for run in runs]) for name in runs[0]},
-    }
-
-
-def trajectory(flexible, state, steps):
-    """Return place, attitude, joint angles, modal coordinates and truss speeds at the sample times."""
-    system = TrussSystem(flexible, ARMS, state)
-    every = DURATION / SAMPLES
-    places, attitudes, joints, modes, speeds = [], [], [state.q[state.joints]], [], []
-
-    def record(_, t):
-        if abs(t / every - round(t / every)) < 1e-3 * DURATION / steps and t > 0.0:
-            places.append(system.read(system.frame_node, OUTPUT.Position))
-            attitudes.append(
-                system.read(system.frame_node, OUTPUT.RotationMatrix).reshape(3, 3)
-            )
-            joints.append(system.joint_angles())
-            modes.append(system.read(system.modal_node, OUTPUT.Coordinates))
-            speeds.append(system.speeds()[:6])
-        return True
-
-    chosen = settings()
-    integration = chosen.timeIntegration
-    integration.numberOfSteps, integration.endTime = steps, DURATION
-    # The trapezoidal rule: its errors are a series in even powers of the step. Joints are imposed
-    # on the positions; imposed on the speeds, Exudyn's hands slowly turn away from their markers.
-    integration.generalizedAlpha.useNewmark = True
-    integration.generalizedAlpha.useIndex2Constraints = False
-    integration.newton.relativeTolerance = integration.newton.absoluteTolerance = NEWTON
-    system.mbs.SetPostStepUserFunction(record)
-    system.mbs.SolveDynamic(chosen)
-    if len(places) != SAMPLES:
-        raise RuntimeError(f"{len(places)} samples were taken instead of {SAMPLES}")
-    return {
-        "positions": np.array(places),
-        "attitudes": np.array(attitudes),
-        "joint_angles": np.unwrap(np.array(joints), axis=0)[1:],
-        "modal": np.array(modes),
-        "truss_speeds": np.array(speeds),
-    }
-
-
 if __name__ == "__main__":
     whole = truss()
     axes = np.random.default_rng(5).standard_normal((4, 3))
     axes /= np.linalg.norm(axes, axis=1)[:, None]
-    turning_one_way = whole.reduced(6, axes)
     np.savez_compressed(
         FOLDER / "accelerations.npz",
-        **accelerations(whole.reduced(16), turning_one_way),
+        **accelerations(whole.reduced(16), whole.reduced(6, axes)),
     )
-    np.savez_compressed(FOLDER / "motion.npz", **motion(turning_one_way))
