@@ -110,16 +110,6 @@ def hybrid():
     return diagram
 
 
-class Wide(Block):
-    """A thousand sines, whose derivatives need much work space."""
-
-    u = Input()
-    y = Output(1000)
-
-    def output(self, t, x, u, p):
-        return {"y": np.stack([np.sin(k * u.u) for k in range(1000)])}
-
-
 class Instance:
     """An instance of an FMU in FMPy. Variables go by their names, a whole array by the name without indices.
 
@@ -240,7 +230,7 @@ def instance(tmp_path_factory):
 @pytest.fixture(scope="session")
 def systems():
     """Return the small systems."""
-    return SimpleNamespace(Oscillator=Oscillator, Rotor=Rotor, Wide=Wide, hybrid=hybrid)
+    return SimpleNamespace(Oscillator=Oscillator, Rotor=Rotor, hybrid=hybrid)
 
 
 @pytest.fixture(scope="session")

@@ -15,7 +15,6 @@ from trussflow.blocks.tracing import compiler
 from trussflow.fmu import ExportError, Fmu, export
 from trussflow.fmu.__main__ import main
 from trussflow.fmu.exporting.native import binaries
-from trussflow.fmu.exporting.packing import write
 
 
 def test_files_are_reproducible_without_headers_and_absolute_paths(systems, tmp_path):
@@ -112,20 +111,6 @@ def test_exported_again_beside_a_running_import(tmp_path):
         assert session.outputs["y"] == 2.0
     assert again.read_bytes() == (tmp_path / "one.fmu").read_bytes()
     assert export(python_diagram(), tmp_path / "three.fmu", kind="python").is_file()
-
-
-def test_an_interrupted_export_leaves_nothing(tmp_path):
-    with pytest.raises(KeyboardInterrupt):
-        write(tmp_path / "x.fmu", Interrupted(one=b"", two=b""))
-    assert list(tmp_path.iterdir()) == []
-
-
-class Interrupted(dict[str, bytes]):
-    """Files whose writing the user interrupts."""
-
-    def items(self):
-        yield "one", b"1"
-        raise KeyboardInterrupt
 
 
 @pytest.mark.skipif(

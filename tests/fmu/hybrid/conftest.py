@@ -494,7 +494,7 @@ ORDINARY = {
         "stick and slip",
         "an input jumps",
     ),
-    "test_native_fmus": [*NAMES[::4], "a delayed relay", "a varying delay"],
+    "test_native_fmus": [*NAMES[::4], "a delayed relay", "several rates"],
     "test_native_fmus_of_fmi_2": (
         "stick and slip",
         "event at a sample",

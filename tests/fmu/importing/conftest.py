@@ -12,9 +12,7 @@ from trussflow.blocks.tracing.compiler import find_compiler
 HEADERS = Path(fmpy.__file__).parent / "c-code"
 SOURCE = Path(__file__).with_name("model.c")
 
-Variable = tuple[str, str, int, str, str, str]
-"""Name, type, value reference, causality, variability, further attributes."""
-
+# Name, type, value reference, causality, variability, further attributes.
 COMMON = [
     ("fault", "Integer", 1, "parameter", "fixed", 'start="0"'),
     ("hmax", "Real", 10, "parameter", "tunable", 'start="1e9"'),

@@ -76,35 +76,6 @@ def built(folder, text, name):
     return folder / f"{name}.fmu"
 
 
-def test_a_table_by_pythonfmu(tmp_path):
-    """`pythonfmu buildcsv` interpolates its table: a parabola sampled each 0.5 s."""
-    times = np.arange(0, 5.01, 0.5)
-    rows = [
-        "time, parabola [real], count [integer]",
-        *(f"{t}, {t * t}, {int(2 * t)}" for t in times),
-    ]
-    table = tmp_path / "table.csv"
-    table.write_text("\n".join(rows))
-    command = [
-        sys.executable,
-        "-m",
-        "pythonfmu",
-        "buildcsv",
-        "-f",
-        str(table),
-        "-d",
-        str(tmp_path),
-    ]
-    subprocess.run(command, check=True, capture_output=True)
-    diagram = series("table", table=Fmu(tmp_path / "Table.fmu", step=0.1))
-    result = simulate(diagram, 3.0, step=0.1)
-    t = result["time"].values
-    expected = np.interp(t, times, times**2)
-    assert_near(result["table.parabola"], expected, 1e-9)
-    assert result["table.end_time"][-1] == 5.0
-    assert result["table.num_rows"][-1] == len(times)
-
-
 LAG = '''
 import numpy as np
 from pythonfmu3 import (

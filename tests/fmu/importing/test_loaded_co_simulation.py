@@ -37,24 +37,6 @@ def loaded(make_fmu):
         yield make
 
 
-def test_a_state_is_saved_and_restored(loaded, version):
-    """By handle and by bytes, in the same instance and in another; the handle stays valid."""
-    slave, other = (loaded(version=version) for _ in "ab")
-    slave.do_step(0.0, 0.4, rollback=True)
-    state = slave.save_state()
-    content = slave.state_to_bytes()
-    slave.do_step(0.4, 0.6)
-    expected = slave.get_outputs().copy()
-    for _ in range(2):
-        slave.restore_state(state)
-        slave.do_step(0.4, 0.6)
-        assert_array_equal(slave.get_outputs(), expected)
-    slave.free_state(state)
-    other.state_from_bytes(content)
-    other.do_step(0.4, 0.6)
-    assert_array_equal(other.get_outputs(), expected)
-
-
 def test_inputs_of_events_are_set_again_after_a_state_is_restored(loaded):
     """The inputs inside the FMU after going back are not those written last."""
     slave = loaded("types", 3, flags='hasEventMode="true"')
@@ -73,14 +55,6 @@ def test_inputs_of_events_are_set_again_after_a_state_is_restored(loaded):
         slave.set_inputs(two)
         assert slave.get_outputs()[1] == 3.0
     slave.free_state(state)
-
-
-def test_an_fmu_that_cannot_save_says_so(loaded, version):
-    word = "state" if version == 2 else "State"
-    cannot = {f'canGetAndSetFMU{word}="true" canSerializeFMU{word}="true"': ""}
-    slave = loaded(version=version, replace=cannot)
-    with pytest.raises(FmuError, match="cannot save its state"):
-        slave.save_state()
 
 
 def test_early_return_has_time_and_event(loaded):
@@ -117,17 +91,6 @@ def test_dependencies(make_fmu, version):
     unknown = Fmu(make_fmu("types", version, replace=replaced), kind="cs", step=0.1)
     # not stated: on everything
     assert unknown.feedthrough()["y"] == tuple(p.name for p in unknown.inputs())
-
-
-def test_setup_begins_anew(loaded, version):
-    slave, found = loaded(version=version), []
-    for _ in range(2):
-        slave.setup(2.0, inputs=np.zeros(0), start={"h": 3.0})
-        slave.do_step(2.0, 0.1)
-        found.append(slave.get_outputs()[0])
-    assert found == pytest.approx([3 - 9.81 * 0.01 / 2] * 2, abs=1e-15)
-    slave.close()
-    slave.close()  # again: does nothing
 
 
 def test_one_instance_per_process(make_fmu, version):

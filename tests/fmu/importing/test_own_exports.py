@@ -69,19 +69,6 @@ def test_ports_come_back_as_they_were(exported, systems, version):
     assert direct.feedthrough() == {"axes": ("torque",)}
 
 
-@versions
-def test_co_simulation_converges_to_the_block(exported, systems, version):
-    """Inputs are held over each step, so the error falls with the step, to first order."""
-    path = exported(systems.Oscillator(3), version, "three")
-    exact = driven(systems.Oscillator(3), 1.0, 1e-3)[-1, :3]
-    errors, steps = [], [1e-2, 5e-3, 2.5e-3]
-    for step in steps:
-        found = driven(Fmu(path, kind="cs", step=step), 1.0, step)[-1, :3]
-        errors.append(np.abs(found - exact).max())
-    slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
-    assert slope == pytest.approx(1.0, abs=0.1)
-
-
 RNG = np.random.default_rng(campaign.SEED)
 
 

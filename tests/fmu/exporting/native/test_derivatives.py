@@ -64,19 +64,6 @@ def test_kernel_and_mass_matrix(version, exported, instance):
     check(one, interface, jacobians(interface, x, [0.7]))
 
 
-@pytest.mark.campaign
-def test_plant(plant, plant_fmu, instance, rng):
-    """Accelerations are solved for with a mass matrix of condition number 1e8.
-
-    CasADi's own Jacobians, made in three ways, differ by up to 4e-12 of the largest entry.
-    """
-    interface = ExportInterface.of(plant)
-    q, u = (rng.uniform(-0.5, 0.5, plant.n), rng.uniform(-1, 1, plant.actuators))
-    expected = jacobians(interface, np.concatenate([q, np.zeros(plant.n)]), u)
-    one = instance(plant_fmu).start({"actuation": u, "initial_coordinates": q})
-    check(one, interface, expected, 1e-11)
-
-
 def test_during_initialization_states_follow_parameters(exported, instance, systems):
     """The output is the state, and the state is the parameter: the derivative is one."""
     block = systems.Oscillator(3)

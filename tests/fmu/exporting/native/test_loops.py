@@ -18,7 +18,7 @@ from trussflow.blocks import (
     ZeroOrderHold,
     simulate,
 )
-from trussflow.fmu import ExportError, Fmu, FmuError, export
+from trussflow.fmu import Fmu, FmuError, export
 
 kinds = pytest.mark.parametrize(
     "version, kind",
@@ -120,14 +120,3 @@ def test_a_loop_that_cannot_be_solved_fails_the_step(tmp_path):
     diagram = series("importer", fmu=imported(roots, "3.0", "cs", tmp_path, 0.01))
     with pytest.raises(FmuError, match="an algebraic loop cannot be solved at time"):
         simulate(diagram, 2.0, step=0.1)
-
-
-def test_what_has_no_solution_at_the_start_is_not_exported(tmp_path):
-    diagram = Diagram("nowhere", loops="solve")
-    law = diagram.add(
-        law=Function(lambda y: 1.0 + y + y * y, {"y": Input()}, {"z": Output()})
-    )
-    law.z >> law.y
-    diagram.expose(z=law.z)
-    with pytest.raises(ExportError, match="'z' has no start value"):
-        export(diagram, tmp_path / "nowhere.fmu")

@@ -57,19 +57,3 @@ def test_a_sampled_loop_around_continuous_states(systems, instance, tmp_path):
     check_same(
         systems.hybrid(), {"target": (np.zeros(1), 1.0)}, 0.01, instance, tmp_path, 200
     )
-
-
-def test_drives_with_their_servo(instance, tmp_path):
-    """Drives, servo at 1 kHz and brakes, behind a computer at 50 Hz."""
-    hardware = Hardware.flight()
-    truss = hardware.mounted(SpaceTruss.consistent())
-    given = {
-        "command": (np.zeros(52), 1.0),
-        "joint_reference": (np.zeros(28), 0.1),
-        "joint_reference_rate": (np.zeros(28), 0.1),
-        "joint_angles": (np.zeros(28), 0.1),
-        "joint_rates": (np.zeros(28), 0.1),
-        "base_effectiveness": (np.ones(4), 0.0),
-        "joint_effectiveness": (np.repeat([0.0, 1.0], 14), 0.0),
-    }
-    check_same(hardware.actuators(truss), given, 1e-3, instance, tmp_path, 100)

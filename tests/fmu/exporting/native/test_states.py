@@ -1,7 +1,5 @@
 """Saved states, many instances, and steps that fail."""
 
-import resource
-
 import numpy as np
 import pytest
 from fmpy.fmi1 import FMICallException
@@ -47,50 +45,6 @@ def test_bytes_of_another_fmu_are_refused(version, exported, instance, systems):
     with pytest.raises(FMICallException):
         two.deserializeFMUState(one.serializeFMUState(one.getFMUState()))
     assert "no saved state of this FMU" in two.errors
-
-
-def test_fifty_instances_at_once(exported, instance, systems):
-    """Each with its own stiffness: as many trajectories as instances, as if each were alone."""
-    path = exported(systems.Oscillator(1), "2.0", "one")
-
-    def prepared(i):
-        return instance(path).start({"stiffness": 1.0 + i})
-
-    together = [prepared(i) for i in range(50)]
-    for k in range(20):
-        for one in together:
-            one.doStep(TIME_STEP * k, TIME_STEP)
-    found = np.array([one.get("position") for one in together])
-    assert len(np.unique(found)) == 50
-    for i in (0, 17, 49):
-        alone = prepared(i)
-        alone.step(0, 20, TIME_STEP)
-        assert alone.get("position") == found[i]
-
-
-def test_instances_leak_nothing(exported, instance, systems):
-    """Each cycle has a derivative, whose work space is 100 kB or more."""
-    one = instance(exported(systems.Wide(), "2.0"))
-    first, fmu = one.component, one.fmu
-
-    def cycle():
-        fmu.component = one.fmi2Instantiate(
-            b"again", 1, one.guid.encode(), b"", one.callbacks, 0, 0
-        )
-        one.start()
-        one.doStep(0.0, TIME_STEP)
-        one.getDirectionalDerivative(one.references["y"], one.references["u"], [1.0])
-        one.freeFMUState(one.getFMUState())
-        one.fmi2FreeInstance(one.component)
-
-    for _ in range(100):
-        cycle()
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    for _ in range(1000):
-        cycle()
-    fmu.component = first
-    grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
-    assert grown < 5000  # kB
 
 
 def test_after_a_failed_step_of_fmi_2_only_a_saved_state_helps(exported, instance):
