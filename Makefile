@@ -13,7 +13,7 @@ OLDEST := .venv-oldest
 BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help transport live reproduce flight sweep modes reports-check check types rules test campaign test-oldest format docs bench bench-check bench-growth bench-peers bench-solvers clean FORCE
+.PHONY: help transport live reproduce flight sweep modes reports-check check types rules test campaign test-oldest format docs bench bench-check bench-peers bench-solvers clean FORCE
 .DELETE_ON_ERROR:
 
 help:
@@ -32,7 +32,6 @@ help:
 	@echo "make docs       build the site: site/index.html"
 	@echo "make bench      run the benchmarks"
 	@echo "make bench-check  run the benchmarks that are ratios; fail if one is far above its limit"
-	@echo "make bench-growth  benchmark over numbers of robots and modes; compiles for minutes"
 	@echo "make bench-solvers  compare variable steps with CasADi's generated C and SciPy"
 	@echo "make bench-peers  compare five systems with events with PathSim and SciPy"
 	@echo "make clean      remove .venv* and all built files; keep results"
@@ -112,9 +111,6 @@ bench: $(VENV)/dev.stamp
 
 bench-solvers: $(VENV)/dev.stamp
 	$(BIN)/python tests/benchmarks/solvers.py
-
-bench-growth: $(VENV)/dev.stamp
-	$(BIN)/python tests/benchmarks/growth.py
 
 bench-check: $(VENV)/dev.stamp
 	$(BIN)/python tests/benchmarks/run.py --check

@@ -10,7 +10,6 @@ import os
 import subprocess
 import sys
 import zipfile
-from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import campaign
@@ -105,9 +104,6 @@ def left(folder):
             and "trussflow-" not in str(path.parent)
         ):
             yield path
-
-
-Done = Callable[[str, Path, Sequence[int], float | None], tuple[int, int]]
 
 
 @pytest.fixture(scope="module")

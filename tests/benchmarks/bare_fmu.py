@@ -49,17 +49,17 @@ class BareFmu:
         )
         self._steps = 0
 
-    def write(self, number=None):
-        """Set all inputs, or the first few."""
-        number = len(self.given) if number is None else number
-        self.library.fmi2SetReal(self.slave, self._given, number, self._inputs)
+    def write(self):
+        """Set all inputs."""
+        self.library.fmi2SetReal(self.slave, self._given, len(self.given), self._inputs)
 
     def step(self, h=1e-3):
         """Make the next step [s]."""
         self.library.fmi2DoStep(self.slave, REAL(self._steps * h), REAL(h), 1)
         self._steps += 1
 
-    def read(self, number=None):
-        """Get all outputs, or the first few."""
-        number = len(self.taken) if number is None else number
-        self.library.fmi2GetReal(self.slave, self._taken, number, self._outputs)
+    def read(self):
+        """Get all outputs."""
+        self.library.fmi2GetReal(
+            self.slave, self._taken, len(self.taken), self._outputs
+        )

@@ -1,28 +1,21 @@
-"""Five systems with events as diagrams, and the equations that the peers integrate of them."""
+"""Five systems with events: diagrams, three of them of examples, and the equations for the peers."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import redirect_stdout
 from dataclasses import dataclass
+from io import StringIO
 from math import atan, copysign, cos, pi, sin
+from pathlib import Path
+from runpy import run_path
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from spark_engine import DURATION, engine
 
-from trussflow.blocks import (
-    Block,
-    Diagram,
-    Event,
-    Input,
-    Integrator,
-    Mode,
-    Output,
-    Relay,
-    State,
-    as_block,
-)
+from trussflow.blocks import Block, Diagram, Event, Mode, Output, State
 
+ROOT = Path(__file__).parents[2]
 GRAVITY = 9.81
 RTOL, ATOL = 1e-8, 1e-10
 Floats = Sequence[float]
@@ -57,6 +50,36 @@ class Hybrid:
     event: Callable[[float, Floats, Floats], tuple[Floats, Floats]]
 
 
+class Engine(Block):
+    """A crank with friction and compression; each spark sets the torque of the half turn that follows."""
+
+    speed = Output(unit="rad/s")
+    angle = State(unit="rad")
+    rate = State(initial=50.0, unit="rad/s")
+    following, torque = Mode(np.pi, unit="rad"), Mode(unit="N*m")
+    spark = Event("rising")
+
+    def output(self, t, x, u, p):
+        """Return the speed."""
+        return {"speed": x.rate}
+
+    def derivative(self, t, x, u, p):
+        """Return speed and acceleration."""
+        push = x.torque * (1 + np.cos(2 * x.angle))
+        return {
+            "angle": x.rate,
+            "rate": push - 0.2 * x.rate - 20 * np.sin(x.angle) ** 2,
+        }
+
+    def indicators(self, t, x, u, p):
+        """Return how far the crank is beyond the next half turn."""
+        return {"spark": x.angle - x.following}
+
+    def on_event(self, t, x, u, p, fired):
+        """Ignite, with a governor for the torque."""
+        return {"following": x.following + np.pi, "torque": 40 - x.rate / 20}
+
+
 class Ball(Block):
     """A ball above a floor."""
 
@@ -89,98 +112,21 @@ MASS, SPRING, DAMPER, FRICTION, TOP, TURNS = (
     2.0,
     2 * pi / 50.0,
 )
-
-
-def pull(t, x):
-    """Return what friction has to bear while the box moves as the belt [N]."""
-    return (
-        SPRING * x
-        + DAMPER * TOP * np.sin(TURNS * t)
-        + MASS * TOP * TURNS * np.cos(TURNS * t)
-    )
-
-
-class Box(Block):
-    """A box on a belt that goes to and fro; `slide` is its velocity less the belt's."""
-
-    position = Output(unit="m")
-    x, slide = State(unit="m"), State(unit="m/s")
-    way = Mode(meaning="1 or -1: where it slides, 0 while it sticks")
-    slips, sticks = Event("rising"), Event("falling")
-
-    def output(self, t, x, u, p):
-        """Return where it is."""
-        return {"position": x.x}
-
-    def derivative(self, t, x, u, p):
-        """Slide under friction, or not."""
-        force = -pull(t, x.x) - DAMPER * x.slide - x.way * FRICTION
-        return {
-            "x": x.slide + TOP * np.sin(TURNS * t),
-            "slide": np.where(x.way == 0, 0.0, force / MASS),
-        }
-
-    def indicators(self, t, x, u, p):
-        """Slip where friction is too weak, stick where the sliding ends."""
-        stuck = x.way == 0
-        return {
-            "slips": np.where(stuck, np.abs(pull(t, x.x)) - FRICTION, -1.0),
-            "sticks": np.where(stuck, -1.0, x.way * x.slide),
-        }
-
-    def on_event(self, t, x, u, p, fired):
-        """Begin to slip, against what pulls; or stick."""
-        return {"slide": 0.0, "way": np.where(fired.slips, -np.sign(pull(t, x.x)), 0.0)}
-
-
 CAR, RADIUS, INERTIA, LOAD, TORQUE = 1500.0, 0.3, 1.0, 1500.0 * GRAVITY / 4, 2000.0
-
-
-@as_block(v=Input(), w=Input())
-def wheel_slip(v, w):
-    """Return the slip of the wheel."""
-    return (v - RADIUS * w) / v
-
-
-def car():
-    """Return a car with one braked wheel, its brake opened and closed as the wheel slips."""
-    diagram = Diagram("car")
-    v, w = diagram.add(v=Integrator(30.0), w=Integrator(30.0 / RADIUS))
-    brake = diagram.add(brake=Relay(0.17, 0.13, on=0.0, off=TORQUE))
-    slip = wheel_slip(v, w)
-    slip >> brake
-    friction = LOAD * np.sin(1.9 * np.arctan(10.0 * slip.y))
-    -friction / CAR >> v
-    (RADIUS * friction - brake.y) / INERTIA >> w
-    return diagram
-
-
 LOSS, HEATING = 0.45, 5.0
 
 
-def room():
-    """Return a room whose heater keeps it between 23 and 25 degrees."""
-    diagram = Diagram("room")
-    temperature, heater = diagram.add(
-        T=Integrator(15.0), heater=Relay(25.0, 23.0, on=0.0, off=HEATING)
-    )
-    temperature >> heater
-    (LOSS * (15.0 - temperature.y) + heater.y) >> temperature
+def alone(block, name):
+    """Return a block in a diagram."""
+    diagram = Diagram(name)
+    diagram.add(name, block)
     return diagram
 
 
-def box_on_belt():
-    """Return the box in a diagram."""
-    diagram = Diagram("belt")
-    diagram.add(box=Box())
-    return diagram
-
-
-def ball():
-    """Return the ball in a diagram."""
-    diagram = Diagram("ball")
-    diagram.add(ball=Ball())
-    return diagram
+def example(path, name):
+    """Return the diagram of an example, by its name there."""
+    with redirect_stdout(StringIO()):
+        return run_path(str(ROOT / path))[name]
 
 
 def engine_rates(t, x, m):
@@ -188,8 +134,8 @@ def engine_rates(t, x, m):
     return x[1], m[1] * (1 + cos(2 * x[0])) - 0.2 * x[1] - 20 * sin(x[0]) ** 2
 
 
-def bare_pull(t, x):
-    """Return `pull` of floats, without NumPy."""
+def pull(t, x):
+    """Return what friction has to bear while the box moves as the belt [N]."""
     return (
         SPRING * x + DAMPER * TOP * sin(TURNS * t) + MASS * TOP * TURNS * cos(TURNS * t)
     )
@@ -197,13 +143,13 @@ def bare_pull(t, x):
 
 def box_rates(t, x, m):
     """Return the velocities of the box."""
-    force = -bare_pull(t, x[0]) - DAMPER * x[1] - m[0] * FRICTION
+    force = -pull(t, x[0]) - DAMPER * x[1] - m[0] * FRICTION
     return x[1] + TOP * sin(TURNS * t), force / MASS if m[0] else 0.0
 
 
 def box_event(t, x, m):
     """Begin to slip, or stick; or slip the other way, where it cannot stick."""
-    force = bare_pull(t, x[0])
+    force = pull(t, x[0])
     if m[0] and abs(force) <= FRICTION:
         return (x[0], 0.0), (0.0,)
     return (x[0], 0.0), (-copysign(1.0, force),)
@@ -223,31 +169,32 @@ def car_indicator(t, x, m):
 
 HYBRIDS = {
     "engine": Hybrid(
-        engine(), ("engine.angle", "engine.rate"), DURATION, 1e-3, (0.0, 50.0), (pi, 0.0),
+        alone(Engine(), "engine"), ("engine.angle", "engine.rate"), 10.0, 1e-3, (0.0, 50.0), (pi, 0.0),
         engine_rates,
         lambda t, x, m: x[0] - m[0],
         lambda t, x, m: (x, (m[0] + pi, 40 - x[1] / 20)),
     ),
     "thermostat": Hybrid(
-        room(), ("T.integral",), 30.0, 1e-2, (15.0,), (HEATING,),
+        example("tests/peers/thermostat.py", "room"), ("T.integral",), 30.0, 1e-2, (15.0,), (HEATING,),
         lambda t, x, m: (LOSS * (15.0 - x[0]) + m[0],),
         lambda t, x, m: x[0] - 25.0 if m[0] else 23.0 - x[0],
         lambda t, x, m: (x, (HEATING - m[0],)),
     ),
     "stick and slip": Hybrid(
-        box_on_belt(), ("box.x", "box.slide"), 100.0, 1e-2, (0.0, 0.0), (0.0,),
+        example("examples/peers/stick_slip.py", "bench"), ("box.x", "box.slide"), 100.0, 1e-2, (0.0, 0.0), (0.0,),
         box_rates,
-        lambda t, x, m: -m[0] * x[1] if m[0] else abs(bare_pull(t, x[0])) - FRICTION,
+        lambda t, x, m: -m[0] * x[1] if m[0] else abs(pull(t, x[0])) - FRICTION,
         box_event,
     ),
     "anti-lock brakes": Hybrid(
-        car(), ("v.integral", "w.integral"), 5.0, 2e-4, (30.0, 30.0 / RADIUS), (TORQUE,),
+        example("examples/peers/anti_lock_brakes.py", "car"),
+        ("v.integral", "w.integral"), 5.0, 2e-4, (30.0, 30.0 / RADIUS), (TORQUE,),
         car_rates,
         car_indicator,
         lambda t, x, m: (x, (TORQUE - m[0],)),
     ),
     "bouncing ball": Hybrid(
-        ball(), ("ball.z", "ball.v"), 20.0, 1e-2, (1.0, 5.0), (),
+        alone(Ball(), "ball"), ("ball.z", "ball.v"), 20.0, 1e-2, (1.0, 5.0), (),
         lambda t, x, m: (x[1], -GRAVITY),
         lambda t, x, m: -x[0],
         lambda t, x, m: ((0.0, -0.95 * x[1]), ()),

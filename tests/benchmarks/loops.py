@@ -9,11 +9,8 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from trussflow.blocks import Block, Diagram, Input, Output, Parameter, State
-
-Vector = NDArray[np.float64]
 
 STEP = 1e-3
 

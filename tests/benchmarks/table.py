@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from trussflow.blocks.tracing.compiler import lanes
@@ -48,10 +47,6 @@ class Row:
     def limit(self):
         """What the ratio may be at most."""
         return SLACK * TARGETS[self.name]
-
-
-Benchmark = Callable[[], list[Row]]
-"""Measures, as often as it is called."""
 
 
 def show(rows):
