@@ -22,9 +22,9 @@ ONE_WORD = re.compile(r"[A-Z]{2,}$")
 # Breaches of the rules left in each package. Lower a number when you mend one; never raise it.
 EXCEPTIONS = {
     "tests": 4,
-    "tests/benchmarks": 20,
+    "tests/benchmarks": 18,
     "tests/blocks": 53,
-    "tests/models": 64,
+    "tests/models": 58,
     "tests/studies": 2,
 }
 

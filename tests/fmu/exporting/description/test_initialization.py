@@ -42,7 +42,7 @@ def circle(*blocks):
     ],
 )
 def test_initial_states_in_a_circle_are_refused(number, text):
-    """A block beside the circle is not blamed."""
+    """A block outside the circle is not blamed."""
     diagram = circle(*(Follower() for _ in range(number)))
     beside = diagram.add(beside=Follower())
     diagram.blocks["a"].port("y") >> beside.u
