@@ -7,7 +7,7 @@ from random import Random
 
 from trussflow.blocks.drawing.graph import Box, Channels, Net, Pin
 from trussflow.blocks.drawing.layering import by_flow, edges_of, into_layers, rails
-from trussflow.blocks.drawing.ordering import Ordering
+from trussflow.blocks.drawing.ordering import Ordering, crossings
 from trussflow.blocks.drawing.placing import place
 from trussflow.blocks.drawing.routing import route, tracks
 from trussflow.blocks.support.progress import counted
@@ -51,10 +51,9 @@ def layout(boxes: list[Box], nets: list[Net]) -> tuple[float, float]:
             side.sort(key=lambda pin: pin.dy)
         # Sugiyama, steps 1 to 5; only x and the routes are left.
         layers, channels = ordered(boxes, nets, variant)
-        x, crossings = 0.0, 0
+        x = 0.0
         for k, channel in enumerate(channels):
-            verticals, number = tracks(channel)
-            crossings += number
+            verticals = tracks(channel)
             x += 1.5 * WIRE_GAP if k else 0.0
             for rail, track in verticals.items():
                 rail.x = x + track * WIRE_GAP
@@ -72,7 +71,7 @@ def layout(boxes: list[Box], nets: list[Net]) -> tuple[float, float]:
                 x += column
         for box in boxes:
             box.x = x - box.width if box.edge > 0 else box.x
-        scores[variant] = crossings, route(nets, channels)
+        scores[variant] = sum(map(crossings, channels)), route(nets, channels)
         return x, max(box.y + box.height for layer in layers for box in layer)
 
     for variant in counted(

@@ -1,5 +1,5 @@
 const svg = document.querySelector("#picture svg"), search = $("search"), panel = $("chart");
-const data = JSON.parse($("data").textContent), groups = [...$("groups").content.children];
+const data = JSON.parse($("data").textContent, unpacked), groups = [...$("groups").content.children];
 
 // ---- camera: the part of the picture that is shown, as x, y, width and height
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from trussflow.blocks.drawing.svg import svg_of
 from trussflow.blocks.errors import DiagramError
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.units import distinct
+from trussflow.blocks.support.packing import packed, spread
 from trussflow.blocks.support.texts import page_text, script_json
 from trussflow.blocks.support.validation import shown
 
@@ -19,6 +18,9 @@ if TYPE_CHECKING:
 
 MAX_INSTANTS, MAX_LINES = 600, 8
 """Largest numbers of instants and of elements of a signal in its chart."""
+
+CHART_BITS = 20
+"""Mantissa bits of a number in a chart, six decimal digits [-]."""
 
 
 def page_of(diagram: Diagram, picture: str, result: xr.Dataset | None = None) -> str:
@@ -49,14 +51,13 @@ def page_of(diagram: Diagram, picture: str, result: xr.Dataset | None = None) ->
             raise DiagramError(
                 f"the result has no signal of diagram '{diagram.name}'; give the result of its own run"
             )
-        count = min(MAX_INSTANTS, result.sizes["time"])
-        instants = np.linspace(0, result.sizes["time"] - 1, count).round().astype(int)
+        instants = spread(result.sizes["time"], MAX_INSTANTS)
         thinned = result[paths].isel(time=instants)
-        data["time"] = _numbers(thinned["time"].to_numpy())
+        data["time"] = packed(thinned["time"])
         for path, values in thinned.items():
-            rows = values.to_numpy().reshape(count, -1)[:, :MAX_LINES].T
+            rows = values.to_numpy().reshape(len(instants), -1)[:, :MAX_LINES].T
             unit = distinct(values.attrs.get("units", ""))
-            data["signals"][path] = {"unit": unit, "lines": [*map(_numbers, rows)]}
+            data["signals"][path] = {"unit": unit, "lines": packed(rows, CHART_BITS)}
     return page_text(
         "trussflow.blocks.drawing",
         diagram.name,
@@ -68,11 +69,6 @@ def page_of(diagram: Diagram, picture: str, result: xr.Dataset | None = None) ->
         ),
         data=script_json(data),
     )
-
-
-def _numbers(values: np.ndarray[Any, Any]) -> list[float | None]:
-    """Return numbers with six digits for JSON; those that are not finite are None."""
-    return [float(f"{v:.6g}") if np.isfinite(v) else None for v in values]
 
 
 # Set here, as the framework does not import the drawing package.

@@ -31,8 +31,8 @@ def cost(a: Rail, b: Rail) -> int:
     return cuts(a.span, b.span) + OVERLAP_COST * same
 
 
-def tracks(channel: list[Rail]) -> tuple[dict[Rail, int], int]:
-    """Return the track of each vertical in a `channel`, from the left, and the number of crossings.
+def tracks(channel: list[Rail]) -> dict[Rail, int]:
+    """Return the track of each vertical in a `channel`, from the left.
 
     If every remaining vertical would overlap another, one of them is split over two tracks.
     """
@@ -62,10 +62,7 @@ def tracks(channel: list[Rail]) -> tuple[dict[Rail, int], int]:
             and low <= b.span[3] + HEIGHT_TOLERANCE
         ]
         place[rail] = max(near, default=-1) + 1
-    flat = [rail.span[2] for rail in channel if rail not in place]
-    number = sum(rail.span[2] < y < rail.span[3] for rail in bent for y in flat)
-    number += sum(costs[a, b] for a in bent for b in bent if place[a] < place[b])
-    return place, number
+    return place
 
 
 def _split(rail: Rail, channel: list[Rail]) -> None:

@@ -59,14 +59,14 @@ class Row:
     ----------
     port : Port
         The port.
-    key : str
-        Source of the wire: a path, ``"outside"`` or an empty text.
+    key : object
+        Key of the wire of an input in a diagram, otherwise the path of the port.
     name, note : str
         Text at the port, and at the end of the wire.
     """
 
     port: Port
-    key: str
+    key: object
     name: str
     note: str = ""
 
@@ -147,28 +147,19 @@ def part_of(port: Port) -> str:
     return "" if whole else port.full_path.removeprefix(port.path)
 
 
-def rows(diagram: Diagram, block: Block) -> tuple[list[Row], list[Row]]:
-    """Return the rows of the inputs and outputs of a `block` in a `diagram`, one for each wire."""
+def rows(diagram: Diagram, block: Block, used: set[str]) -> list[list[Row]]:
+    """Return the rows of the inputs and outputs of a `block`, one for each wire; `used` are connected ports."""
     inputs = []
     for port in block.inputs():
-        ends: dict[str, list[tuple[str, str]]] = {}
-        for wire in diagram.wires:
-            if wire.target.path == port.path:
-                source = wire.source
-                end = "0" if source is None else part_of(source)
-                ends.setdefault("" if source is None else source.path, []).append(
-                    (part_of(wire.target), end)
-                )
-        if any(port in inner for inner in diagram.exposed.values()):
-            ends["outside"] = [("", "")]
-        if not ends:
-            ends[""] = [("", "open" if port.declaration.default is None else "")]
-        for key, parts in ends.items():
-            inner, outer = (
-                "".join(dict.fromkeys(texts)) for texts in zip(*parts, strict=True)
-            )
-            inputs.append(Row(port, key, brief(port.name + inner), brief(outer)))
-    return inputs, [Row(port, "", brief(port.name)) for port in block.outputs()]
+        wires = [wire for wire in diagram.wires if wire.target.path == port.path]
+        for wire in wires:
+            note = "0" if wire.source is None else brief(part_of(wire.source))
+            name = brief(port.name + part_of(wire.target))
+            inputs.append(Row(port, id(wire), name, note))
+        if not wires:
+            is_open = port.declaration.default is None and port.path not in used
+            inputs.append(Row(port, port.path, brief(port.name), "open" * is_open))
+    return [inputs, [Row(p, p.path, brief(p.name)) for p in block.outputs()]]
 
 
 def shown_rows(
@@ -187,16 +178,12 @@ def shown_rows(
     symbol : Symbol
         Its symbol.
     used : set of str
-        Paths of the connected outputs.
+        Paths of the connected ports.
     """
-    sides = rows(diagram, block)
-    free = [
-        row
-        for row in (*sides[0], *sides[1])
-        if not (row.key or row.note or row.port.path in used)
-    ]
-    hidden = free if len(free) > MAX_FREE_PORTS else []
-    shown = [[row for row in side if row not in hidden] for side in sides]
+    shown = rows(diagram, block, used)
+    kept = [[r for r in side if r.note or r.port.path in used] for side in shown]
+    if sum(map(len, shown)) - sum(map(len, kept)) > MAX_FREE_PORTS:
+        shown = kept
     if not (symbol.text or symbol.curve or symbol.pins):
         return shown
     signs = dict(zip(block.inputs(), symbol.pins, strict=False))
@@ -220,11 +207,8 @@ def figure_of(block: Block, symbol: Symbol, sides: list[list[Row]]) -> Figure:
     captions = list(filter(None, symbol.caption.split("\n")))
     captions += wrapped(f"unused: {', '.join(unused)}") if unused else []
     # Port arithmetic makes names such as multiply_1.
-    own = block.function.__name__ if isinstance(block, Operation) else "sum"
-    made = isinstance(block, Sum | Operation) and re.fullmatch(
-        rf"{own}_\d+", block.name
-    )
-    name = "" if made else brief(block.name)
+    is_made = isinstance(block, Sum | Operation) and re.search(r"_\d+$", block.name)
+    name = "" if is_made else brief(block.name)
     # `breadth` is for 11 px; names have 12 px, captions 9 px.
     below = max(breadth(name) * 12, *(breadth(line) * 9 for line in [*captions, ""]))
     below /= 11
@@ -257,9 +241,9 @@ def figure_of(block: Block, symbol: Symbol, sides: list[list[Row]]) -> Figure:
 def scene_of(diagram: Diagram) -> Scene:
     """Return the scene of a `diagram`."""
     scene = Scene()
-    pins: dict[tuple[str, str, str], Pin] = {}
-    ends = [wire.source for wire in diagram.wires if wire.source is not None]
-    used = {port.path for inner in (ends, *diagram.exposed.values()) for port in inner}
+    pins: dict[object, Pin] = {}
+    ends = [wire.ends for wire in diagram.wires]
+    used = {port.path for inner in (*ends, *diagram.exposed.values()) for port in inner}
     for block in diagram.blocks.values():
         if not isinstance(block._symbol, Symbol):
             raise DiagramError(
@@ -278,30 +262,26 @@ def scene_of(diagram: Diagram) -> Scene:
                 note = breadth(row.note) * 9 / 11 + 6 if row.note else 0.0
                 pin = figure.box.pin(side, dy + (i + 0.5) * PIN_PITCH, note, inset)
                 pin.negative = row.name == "−"
-                pins[block.name, row.port.name, row.key] = pin
+                pins[row.key] = pin
                 scene.pins.append((row, pin))
-    links: list[tuple[tuple[str, str, str], tuple[str, str, str], Port]] = []
+    links: list[tuple[Port, object]] = []
     for name, inside in diagram.exposed.items():
-        port, own = diagram.ports[name], ("", name, "")
+        port = diagram.ports[name]
         width = breadth(brief(name)) + 12
         box = Box(width, PIN_PITCH, edge=-1 if port.is_input else 1)
         scene.edges.append(box)
-        pins[own] = box.pin(int(port.is_input), box.height / 2)
-        scene.pins.append((Row(port, "", brief(name)), pins[own]))
+        pins[port.path] = box.pin(int(port.is_input), box.height / 2)
+        scene.pins.append((Row(port, port.path, brief(name)), pins[port.path]))
         for end in inside:
-            key = end.block.name, end.name, "outside" * port.is_input
-            links.append((own, key, port) if port.is_input else (key, own, end))
+            links.append((port, end.path) if port.is_input else (end, port.path))
     for wire in diagram.wires:
         if (source := wire.source) is not None:
-            block, name, target = source.block, source.name, wire.target
-            end_key = target.block.name, target.name, source.path
-            links.append(((block.name, name, ""), end_key, block.ports[name]))
+            links.append((source.block.ports[source.name], id(wire)))
     # One net per source, so that wires from one output share a stem.
-    nets: dict[tuple[str, str, str], tuple[Net, Port]] = {}
-    for start, end_key, port in links:
-        net, _ = nets.setdefault(start, (Net(pins[start], []), port))
-        # Several slices of one source end at one row.
-        net.targets += [pins[end_key]] if pins[end_key] not in net.targets else []
+    nets: dict[str, tuple[Net, Port]] = {}
+    for port, key in links:
+        net, _ = nets.setdefault(port.path, (Net(pins[port.path], []), port))
+        net.targets.append(pins[key])
     scene.wires = list(nets.values())
     boxes = [*(figure.box for figure in scene.figures), *scene.edges]
     if boxes:

@@ -6,8 +6,6 @@ from collections.abc import Callable, Iterator
 from html import escape
 from itertools import pairwise
 
-import numpy as np
-
 from trussflow.blocks.drawing.graph import JUNCTION_SIZE, Box, Net, Pin, Point
 from trussflow.blocks.drawing.scene import (
     BAR_HEIGHT,
@@ -30,9 +28,6 @@ from trussflow.blocks.support.texts import package_text
 
 RATE_COLOURS = 6
 """Number of colours of rates in the style sheet; more rates reuse them."""
-
-MAX_EXACT = 100
-"""Largest number of elements that a tooltip shows with all digits."""
 
 ARROWHEAD = (
     '<marker id="tf-tip" orient="auto" markerUnits="userSpaceOnUse" markerWidth="7" '
@@ -103,7 +98,7 @@ def view(scene: Scene, colour: Callable[[Block], str]) -> Iterator[str]:
     for figure in scene.figures:
         box = figure.box
         yield f'<g class="block" data-path="{escape(figure.block.path)}" '
-        yield f'transform="translate({box.x:g},{box.y:g})"><title>{escape(hover(figure.block))}</title>'
+        yield f'transform="translate({box.x:g},{box.y:g})"><title>{escape(figure.block._described().head)}</title>'
         yield from outlined(figure, f"box {colour(figure.block)}")
         yield from inscribed(figure)
         for pin in (*box.sides[0], *box.sides[1]):
@@ -117,7 +112,7 @@ def view(scene: Scene, colour: Callable[[Block], str]) -> Iterator[str]:
 def labelled(row: Row, pin: Pin, box: Box | None = None) -> Iterator[str]:
     """Yield the texts of a `row` at its `pin`, relative to a `box` [px]."""
     x, y = (pin.x - box.x, pin.dy) if box else (pin.x, pin.y)
-    note = f'<text class="note faint end" x="{x - 4:g}" y="{y:g}" dy="{-4 if row.key else 3}">'
+    note = f'<text class="note faint end" x="{x - 4:g}" y="{y:g}" dy="-4">'
     if row.note:
         yield f"{note}{escape(row.note)}</text>"
     x, end = (x - 6, ' class="end"') if pin.side else (x + 6, "")
@@ -127,18 +122,6 @@ def labelled(row: Row, pin: Pin, box: Box | None = None) -> Iterator[str]:
         y = pin.box.height / 2 + pin.entry * 7 if pin.entry else y
     if row.name:
         yield f'<text{end} x="{x:g}" y="{y:g}" dy="4">{title(row.port)}{escape(row.name)}</text>'
-
-
-def hover(block: Block) -> str:
-    """Return the tooltip of a `block`: its summary, and its parameters and settings with all digits."""
-    facts = [block._described().head]
-    for name, value in {**vars(block), **block.parameters}.items():
-        if isinstance(value, np.ndarray | float) and name[0] != "_":
-            exact = np.array2string(
-                np.asarray(value), threshold=MAX_EXACT, floatmode="unique", legacy=False
-            )
-            facts.append(f"{name} = {exact}")
-    return "\n".join(facts)
 
 
 def outlined(figure: Figure, kind: str) -> Iterator[str]:

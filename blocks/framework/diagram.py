@@ -421,12 +421,12 @@ class Diagram(Netlist):
             slider [units as declared]; by default up to 12 numbers of the blocks in this diagram, gains first.
         signals : mapping or sequence, optional
             Signals in charts, as for the argument `log` of `simulate`; by default the exposed outputs, otherwise
-            outputs that no block reads, otherwise all outputs.
+            all outputs.
         at : Port or str, optional
             Scalar wire at which the loop is opened: the page shows poles, Bode plot and margins as
             `loop_margins` does. Not for diagrams with sampled blocks.
         duration : float
-            Duration of a run [s]; readers may change it.
+            Duration of a run [s].
         step : float, optional
             Fixed step [s]; by default from the fastest mode and the sample times. At most 4000 steps are logged.
         solver : str

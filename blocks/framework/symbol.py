@@ -40,9 +40,6 @@ METHODS = {
 }
 """Methods of a block with the form of their equations."""
 
-ARRAYS = {"array", "asarray", "stack", "concatenate"}
-"""Functions of NumPy of which only the argument is written."""
-
 FIELD = re.compile(r"\{(\w+):?(\w*)\}")
 """Pattern of a value in a symbol."""
 
@@ -156,16 +153,13 @@ def polynomial(coefficients: Sequence[float], variable: str) -> str:
 
 
 def block_equations(block: Block) -> str:
-    """Return the equations of the first `METHODS` of a `block`, as long as they are short."""
-    lines = list[str]()
-    for name, form in METHODS.items():
-        if block.states_own(name):
-            found = equations(getattr(block, name), form)
-            if not found or len(lines) + len(found) > MAX_EQUATIONS:
-                lines += ["…"] * bool(lines)
-                break
-            lines += found
-    return "\n".join(lines)
+    """Return the equations of the `METHODS` of a `block`; an empty text if one is not known."""
+    found = [
+        equations(getattr(block, name), form)
+        for name, form in METHODS.items()
+        if block.states_own(name)
+    ]
+    return "\n".join(itertools.chain(*found)) if all(found) else ""
 
 
 def equations(function: Callable[..., Any], form: str = "") -> list[str]:
@@ -181,39 +175,34 @@ def equations(function: Callable[..., Any], form: str = "") -> list[str]:
     Returns
     -------
     list of str
-        The lines; empty if the function has another form, or its text is not known.
+        The lines; empty if there are too many, the function has another form, or its text is not known.
     """
-    body = _body(function)
-    *steps, last = body or [ast.Pass()]
+    *steps, last = _body(function) or [ast.Pass()]
     if not isinstance(last, ast.Return) or last.value is None:
         return []
     if not all(isinstance(step, ast.Assign) for step in steps):
         return []
-    texts = [_written(step) for step in steps]
+    texts, result = [*map(_written, steps)], last.value
     if not form:
-        texts.append(_written(last.value))
-    elif isinstance(last.value, ast.Dict):
-        pairs = zip(last.value.keys, last.value.values, strict=True)
+        texts.append(_written(result))
+    elif isinstance(result, ast.Dict):
         texts += [
             form.format(key.value, _written(value))
-            for key, value in pairs
+            for key, value in zip(result.keys, result.values, strict=True)
             if isinstance(key, ast.Constant)
         ]
     else:
         return []
-    if re.search(r"\b_[a-z]", " ".join(texts)):  # a private function says nothing
-        return []
-    return wrapped(*texts)
+    lines = wrapped(*texts)
+    # The name of a private function says nothing.
+    is_private = re.search(r"\b_[a-z]", " ".join(lines))
+    return [] if is_private or len(lines) > MAX_EQUATIONS else lines
 
 
 def wrapped(*texts: str) -> list[str]:
     """Return the lines of `texts`, each of moderate length."""
-    lines = (
-        textwrap.wrap(
-            text, MAX_EQUATION_LENGTH, subsequent_indent="  ", break_long_words=False
-        )
-        for text in texts
-    )
+    settings: dict[str, Any] = {"subsequent_indent": "  ", "break_long_words": False}
+    lines = (textwrap.wrap(text, MAX_EQUATION_LENGTH, **settings) for text in texts)
     return [*itertools.chain(*lines)]
 
 
@@ -227,15 +216,12 @@ def _body(function: Callable[..., Any]) -> list[ast.stmt]:
     except SyntaxError:
         return []
     for node in ast.walk(tree):
-        if isinstance(node, ast.Lambda):
-            lines, body = [node.lineno], list[ast.stmt]([ast.Return(node.body)])
-        elif isinstance(node, ast.FunctionDef):
-            lines = [node.lineno, *(each.lineno for each in node.decorator_list)]
-            body = node.body[ast.get_docstring(node) is not None :]
-        else:
+        if getattr(node, "lineno", 0) != code.co_firstlineno:
             continue
-        if code.co_firstlineno in lines:
-            found.append(body)
+        if isinstance(node, ast.Lambda):
+            found.append([ast.Return(node.body)])
+        elif isinstance(node, ast.FunctionDef):
+            found.append(node.body[ast.get_docstring(node) is not None :])
     return found[0] if len(found) == 1 else []
 
 
@@ -243,19 +229,8 @@ _parsed = lru_cache(maxsize=8)(ast.parse)
 """Syntax tree of the text of a file."""
 
 
-class _Arrays(ast.NodeTransformer):
-    """Writes the argument of a function of `ARRAYS` in place of the call."""
-
-    def visit_Call(self, node: ast.Call) -> ast.AST:
-        """Return the argument of a call that makes an array, otherwise the call."""
-        self.generic_visit(node)
-        named = isinstance(node.func, ast.Attribute) and node.func.attr in ARRAYS
-        return node.args[0] if named and len(node.args) == 1 else node
-
-
 def _written(node: ast.AST) -> str:
     """Return an expression or assignment as text: ``2 * np.sin(x.angle)`` is ``2·sin(angle)``."""
-    text = ast.unparse(_Arrays().visit(node))
-    text = re.sub(r"\b(?:np|self|[xup])\.(?=[a-z_])", "", text)
+    text = re.sub(r"\b(?:np|self|[xup])\.(?=[a-z_])", "", ast.unparse(node))
     text = re.sub(r"(\d)\.0\b", r"\1", text).replace("-", "−").replace(" * ", "·")
     return re.sub(r" \*\* (\w+)", r"^(\1)", text)

@@ -13,7 +13,7 @@ from trussflow.blocks.errors import BlockError, ParameterError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.symbol import MAX_EQUATIONS, Symbol, equations
+from trussflow.blocks.framework.symbol import Symbol, equations
 from trussflow.blocks.framework.units import Unit, check_declared
 from trussflow.blocks.support.call_site import call_site
 from trussflow.blocks.support.types import Array, Vector
@@ -186,12 +186,9 @@ class WrappedFunction(Block):
     def _symbol(self) -> Symbol:
         name = getattr(self._function, "__name__", "f").replace("<lambda>", "f")
         call = f"{name}({', '.join(port.name for port in self.inputs())})"
-        lines = equations(self._function)
-        if 0 < len(lines) <= MAX_EQUATIONS:
-            return Symbol("\n".join(lines))
-        return Symbol(
-            call if len(call) <= MAX_CALL_LENGTH else f"{name[:MAX_CALL_LENGTH]}(…)"
-        )
+        if len(call) > MAX_CALL_LENGTH:
+            call = f"{name[:MAX_CALL_LENGTH]}(…)"
+        return Symbol("\n".join(equations(self._function) or [call]))
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the results of the function by output."""

@@ -145,9 +145,9 @@ def _starts_in_python(
     """Return whether a block computes initial states in Python from the number at a `place` in p."""
     block, changed = plan.system.blocks[path], p.copy()
     changed[place] = value
-    before, after = (plan.p.signals(path, values) for values in (p, changed))
+    signals = [plan.p.signals(path, values) for values in (p, changed)]
     return type(block).initial is not Block.initial and any(
-        not np.array_equal(block.initial(name, before), block.initial(name, after))
+        not np.array_equal(*(block.initial(name, each) for each in signals))
         for name in block.declared(State)
     )
 
@@ -186,16 +186,10 @@ def _range(
 
 
 def usual_signals(system: System) -> dict[str, Port]:
-    """Return the signals of a page by name: exposed outputs, otherwise unread ones, otherwise all."""
+    """Return the signals of a page by name: exposed outputs, otherwise those of all blocks."""
     outputs = [port for block in system.blocks.values() for port in block.outputs()]
-    drivers = [driver for each in system.drivers.values() for driver in each]
-    read = {driver.source.path for driver in drivers if driver.source is not None}
     found, size = dict[str, Port](), 0
-    for port in (
-        system.root.outputs()
-        or [port for port in outputs if port.path not in read]
-        or outputs
-    ):
+    for port in system.root.outputs() or outputs:
         size += port.size
         if not found or size <= MAX_DEFAULT_CURVES:
             found[port.name if port.block is system.root else port.path] = port
@@ -212,15 +206,11 @@ def charts(channels: Sequence[Channel]) -> list[dict[str, Any]]:
     """
     shared: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for channel in channels:
-        columns = channel.port.elements().ravel().tolist()
+        units, columns = channel.port.element_units(), channel.places.tolist()
         own = channel.name if len(columns) > 1 else ""
-        units = channel.port.element_units()
         for label, column, unit in zip(_labels(channel), columns, units, strict=True):
-            curve = {
-                # The title of a chart of an array has its name.
-                "label": label.removeprefix(own).strip(),
-                "column": channel.columns.start + column,
-            }
+            # The title of a chart of an array has its name.
+            curve = {"label": label.removeprefix(own).strip(), "column": column}
             shared.setdefault((own, readable(unit or "")), []).append(curve)
     return [
         {

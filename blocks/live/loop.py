@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -14,6 +13,7 @@ from trussflow.blocks.linear_analysis.linearize import Linearizer
 from trussflow.blocks.linear_analysis.loop_transfer import refuse_open
 from trussflow.blocks.linear_analysis.opened_model import RATES_AND_OUTPUTS
 from trussflow.blocks.linear_analysis.references import Reference
+from trussflow.blocks.support.packing import packed
 from trussflow.blocks.tracing.program import Program
 
 
@@ -86,7 +86,7 @@ def loop_of(diagram: Diagram, at: Reference) -> Loop:
     )
     data = {
         "name": one.port.full_path,
-        "values": base64.b64encode(d.astype("<f8").tobytes()).decode(),
+        "values": packed(d),
         "kept": plan.fired.span.stop,
         "sent": sent,
         "size": whole.size,

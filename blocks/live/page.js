@@ -1,12 +1,13 @@
 // The page: sliders ask the worker for runs, and charts, metrics and panels show the latest one.
 
-const data = JSON.parse($("data").textContent);
+const data = JSON.parse($("data").textContent, unpacked);
 const seconds = data.tick[0] / data.tick[1];
-const defaults = doubles(data.numbers).slice(0, data.sizes[0]);
+const defaults = data.numbers.slice(0, data.sizes[0]);
 const p = defaults.slice();
 const live = (window.trussflowLive = { redraws: 0, run: null, data, p });
-let steps = data.steps, kept = null, asked = 0, planned = false;
-const view = { label: "time", unit: "s", cursor: null, range: null, changed: redraw, pick: point };
+const end = data.steps * seconds;
+let kept = null, asked = 0, planned = false;
+const view = { label: "time", unit: "s", ends: [0, end], cursor: null, range: null, changed: redraw, pick: point };
 
 /** Return the function of a run that gives a column of its log. */
 const column = (index) => (run) => {
@@ -25,7 +26,7 @@ const script = new Blob([$("worker").textContent], { type: "text/javascript" });
 const worker = new Worker(URL.createObjectURL(script));
 
 function ask() {
-  worker.postMessage({ id: ++asked, p, steps, point: $("point").value });
+  worker.postMessage({ id: ++asked, p, point: $("point").value });
 }
 
 function trouble(text) {
@@ -41,10 +42,9 @@ worker.onmessage = ({ data: message }) => {
   $("progress").hidden = !partial;
   $("progress").value = message.progress || 0;
   live.run = message;
-  view.ends = [message.time[0], steps * seconds];
   trouble(message.fault && `${message.fault}. The charts end there; try other values.`);
   const [step, spent] = [seconds, message.seconds].map((time) => quantity(time, "s"));
-  if (!partial) write($("status"), `${steps} steps of ${step} in ${spent}`);
+  if (!partial) write($("status"), `${data.steps} steps of ${step} in ${spent}`);
   redraw();
 };
 
@@ -69,7 +69,7 @@ function redraw() {
     for (const chart of charts) chart.show(run, kept);
     const now = Math.min(view.hover ?? view.cursor ?? Infinity, run.time[run.time.length - 1]);
     write($("now"), `${quantity(now)} s`);
-    $("cursor").value = now / (steps * seconds);
+    $("cursor").value = now / end;
     update(now);
     live.redraws += 1;
     document.body.dataset.state = "ready";
@@ -201,7 +201,6 @@ const changed = () => controls.filter(({ place }) => p[place] !== defaults[place
 
 function address() {
   const values = new URLSearchParams(changed().map(({ name, place }) => [name, p[place]]));
-  if (steps !== data.steps) values.set("duration", steps * seconds);
   return `${location.pathname}${location.search}#${values}`;
 }
 
@@ -211,12 +210,6 @@ function recall() {
     field.value = values.get(name);
     set(field.value && field.checkValidity() ? Number(field.value) : defaults[place]);
   }
-  span(Number(values.get("duration")) || data.steps * seconds);
-}
-
-function span(duration) {
-  if (duration > 0) steps = Math.max(1, Math.round(duration / seconds));
-  $("duration").value = Number((steps * seconds).toPrecision(12));
   view.cursor = view.range = null;
 }
 
@@ -224,12 +217,12 @@ function span(duration) {
 function python() {
   const nested = (start, [size, ...shape]) => (size === undefined ? p[start]
     : Array.from({ length: size }, (_, i) => nested(start + i * shape.reduce((a, b) => a * b, 1), shape)));
-  const { solver, logged: log, arrays, tick } = data, every = data.every * Math.ceil(steps / data.steps);
+  const { solver, arrays, tick, every } = data, log = Object.fromEntries(data.channels);
   const parameters = {};
   for (const { array } of changed()) parameters[array] = nested(arrays[array][0], arrays[array].slice(1));
   const settings = { step: seconds, solver, log, log_step: (every * tick[0]) / tick[1], parameters };
   const lines = Object.entries(settings).map(([name, value]) => `    ${name}=${JSON.stringify(value)},\n`);
-  const call = `simulate(\n    diagram,\n    ${steps * seconds},\n${lines.join("")})`;
+  const call = `simulate(\n    diagram,\n    ${end},\n${lines.join("")})`;
   return `from trussflow.blocks import simulate\n\nresult = ${call}\n`;
 }
 Object.assign(live, { metrics, python, address });
@@ -250,10 +243,8 @@ $("keep").onclick = () => {
   $("keep").textContent = kept ? "forget" : "keep";
   redraw();
 };
-$("duration").onchange = () => { span(Number($("duration").value)); ask(); remember(); };
-$("cursor").oninput = () => point($("cursor").value * steps * seconds);
+$("cursor").oninput = () => point($("cursor").value * end);
 player($("play"), (passed) => {
-  const end = steps * seconds;
   point(view.cursor >= end ? 0 : Math.min(end, view.cursor + passed));
   return view.cursor < end;
 });
@@ -274,7 +265,7 @@ function update(time) {
   if (!panels.length) return;
   const row = indexOf(live.run.time, time) * data.width;
   const values = (places) => places.map((place) => live.run.log[row + place]);
-  const signals = Object.fromEntries(data.panelSignals.map(([name, places]) => [name, values(places)]));
+  const signals = Object.fromEntries(data.channels.map(([name, , places]) => [name, values(places)]));
   for (const panel of panels) panel.update(time, signals);
 }
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import base64
 import math
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -32,6 +30,7 @@ from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.solver import FIXED_STEP, Solver
 from trussflow.blocks.simulation.step_size_warnings import warn_of_missed_jumps
 from trussflow.blocks.support.files import replaced
+from trussflow.blocks.support.packing import compressed, packed
 from trussflow.blocks.support.texts import package_text, page_text, script_json
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import as_path, positive, positive_if_given
@@ -147,7 +146,7 @@ def server_of(diagram: Diagram, **settings: Any) -> LiveServer:
     return LiveServer(
         page.prepared,
         html(page, None).encode(),
-        page.data["every"] * page.prepared.tick,
+        range(0, page.data["steps"] + 1, page.data["every"]),
         pace=page.data["pace"],
     )
 
@@ -243,45 +242,39 @@ def contents(
         "every": -(-steps // MAX_ROWS),
         "solver": solver,
         "programs": [program.name for program in programs],
-        **_simulation(prepared, p, x, d),
+        **_simulation(prepared, steps, p, x, d),
         "controls": controls(plan, p, parameters),
         "arrays": {f"{e.path}.{e.name}": [e.start, *e.shape] for e in plan.p},
-        "logged": {c.name: f"{c.port.block.path}.{c.port.name}" for c in channels},
-        "charts": charts(channels[: len(charted)]),
-        "panelSignals": [
-            (c.name, (c.columns.start + c.port.elements().ravel()).tolist())
+        # Name, port or state, and places in a logged row.
+        "channels": [
+            (c.name, f"{c.port.block.path}.{c.port.name}", c.places.tolist())
             for c in channels
-            if c.name in [one.name for one in followed]
         ],
+        "charts": charts(channels[: len(charted)]),
         "loop": loops[0].data if loops else None,
     }
     return Contents(data, prepared, programs, panels)
 
 
-def _simulation(prepared: Prepared, p: Vector, x: Vector, d: Vector) -> dict[str, Any]:
-    """Return the data of the step algorithm; `p`, `x` and `d` are initial values [as declared]."""
-    plan, tick, clocks = prepared.plan, prepared.tick, prepared.plan.system.clocks
-    numbers = np.concatenate([p, x, d]).astype("<f8").tobytes()
+def _simulation(
+    prepared: Prepared, steps: int, p: Vector, x: Vector, d: Vector
+) -> dict[str, Any]:
+    """Return the data of the step algorithm of `steps` [-]; `p`, `x`, `d` are initial values [as declared]."""
+    plan, tick = prepared.plan, prepared.tick
+    due = prepared.schedule.due(0, steps + 1)
     return {
         "tick": [tick.numerator, tick.denominator],
         "method": [*FIXED_STEP].index(prepared.solver.solver),
         "sizes": [plan.p.size, plan.x.size, plan.d_size],
-        # Base64, as JSON has no infinity.
-        "numbers": base64.b64encode(numbers).decode(),
+        # Packed, as JSON has no infinity.
+        "numbers": packed(np.concatenate([p, x, d])),
         "modes": plan.modes.span.stop,
         "stored": plan.memory.span.stop,
         "width": sum(c.port.size for c in prepared.channels),
         "kinds": plan.kinds.tolist(),
         "sides": plan.sides.span.start,
-        "clocks": [
-            [ticks(time, tick, "a sample time") for time in (c.period, c.offset)]
-            for c in clocks
-        ],
-        # Each set as bits of its clocks; text, as JavaScript's numbers have 53 bits.
-        "sets": [
-            str(sum(1 << i for i, c in enumerate(clocks) if c in active))
-            for active in prepared.schedule.sets
-        ],
+        # Steps with sampled blocks, and the number of the set that is due.
+        "due": [(int(k), int(due[k])) for k in np.flatnonzero(due)],
         # Name, first and last index of the arrays in x and in d, for messages.
         "places": [
             [
@@ -316,7 +309,7 @@ def html(page: Contents, module: bytes | None) -> str:
             for panel in page.panels
         ),
         data=script_json(page.data),
-        module=base64.b64encode(zlib.compress(module or b"", 9)).decode(),
+        module=compressed(module or b""),
         worker=engine + text("queue.js"),
     )
 

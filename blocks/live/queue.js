@@ -6,7 +6,6 @@ const LARGE = 40; // states above which the loop is analysed only when the value
 const REST = 200; // ms
 
 let engine = null, wanted = null, busy = false;
-const doubles = (text) => new Float64Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
 const rest = (time) => new Promise((resolve) => setTimeout(resolve, time));
 
 async function serve(job) {

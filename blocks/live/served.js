@@ -1,6 +1,8 @@
 "use strict";
 // The worker of a served page: asks the server for runs and collects their rows.
 
+const doubles = (text) => new Float64Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
+
 class Engine {
   static of(message) {
     return Object.assign(new Engine(), message, { name: crypto.randomUUID(), running: null });
@@ -12,13 +14,13 @@ class Engine {
 
   /** Return whether new values act on the run that goes on. */
   tune(job) {
-    if (this.running?.steps !== job.steps || !this.data.pace) return false;
+    if (!this.running || !this.data.pace) return false;
     this.post(`tune/${this.name}`, job).catch(() => {}); // the run itself shows a broken connection
     return true;
   }
 
   async run(job, pause) {
-    const { tick, every } = this.data, width = this.data.width + 1, values = [];
+    const { every, steps } = this.data, width = this.data.width + 1, values = [];
     const abort = new AbortController();
     const result = () => ({ // times, and rows without them
       time: Float64Array.from({ length: values.length / width }, (_, row) => values[row * width]),
@@ -26,7 +28,7 @@ class Engine {
     });
     this.running = job;
     try {
-      const reply = await this.post(`run/${this.name}/${(job.steps * tick[0]) / tick[1]}`, job, abort.signal);
+      const reply = await this.post(`run/${this.name}`, job, abort.signal);
       if (!reply.ok) throw Error(`the server answers ${reply.status} ${reply.statusText}`);
       const reader = reply.body.pipeThrough(new TextDecoderStream()).getReader();
       let rest = "";
@@ -38,7 +40,7 @@ class Engine {
           for (const value of doubles(packed)) values.push(value);
           if (fault !== undefined) return { ...result(), fault };
         }
-        const share = (values.length / width / job.steps) * every;
+        const share = (values.length / width / steps) * every;
         if (share && (await pause(share, result))) return abort.abort();
       }
       throw Error("the server has ended");

@@ -10,7 +10,6 @@ import sys
 import time
 import webbrowser
 from collections.abc import Iterator, Sequence
-from fractions import Fraction
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
@@ -25,9 +24,6 @@ from trussflow.blocks.support.types import Vector
 FLUSH_SECONDS = 0.05
 """Wall time between two parts of an answer [s]."""
 
-MAX_RUN_ROWS = 1_000_000
-"""Largest number of logged rows of a run that a page may ask for [-]."""
-
 
 class LiveServer(ThreadingHTTPServer):
     """Server of one live page, for browsers of this computer.
@@ -41,8 +37,8 @@ class LiveServer(ThreadingHTTPServer):
         The prepared diagram, whose channels are the outputs.
     page : bytes
         The page.
-    log_step : fractions.Fraction
-        Time between logged instants [s].
+    logged : range
+        Ticks of the logged instants [-].
     pace : float, optional
         Simulated seconds in a second of wall time [-]; by default runs are as fast as possible.
     """
@@ -53,7 +49,7 @@ class LiveServer(ThreadingHTTPServer):
         self,
         prepared: Prepared,
         page: bytes,
-        log_step: Fraction,
+        logged: range,
         *,
         pace: float | None = None,
     ) -> None:
@@ -61,7 +57,7 @@ class LiveServer(ThreadingHTTPServer):
         super().__init__(("127.0.0.1", 0), _Handler)
         self.prepared = prepared
         self.page = page
-        self.log_step = log_step
+        self.logged = logged
         self.pace = pace
         self.token = secrets.token_urlsafe(16)
         self.changes: dict[str, Vector] = {}
@@ -92,7 +88,7 @@ class LiveServer(ThreadingHTTPServer):
         self.changes[name] = p
         return ()
 
-    def run(self, p: Vector, name: str, duration: str) -> Iterator[Vector]:
+    def run(self, p: Vector, name: str) -> Iterator[Vector]:
         """Yield time and outputs at the logged instants of a run.
 
         Parameters
@@ -101,25 +97,18 @@ class LiveServer(ThreadingHTTPServer):
             Parameters [as declared].
         name : str
             Name of the run, for `tune`.
-        duration : str
-            Duration [s].
 
         Raises
         ------
         SimulationError
-            If the duration is wrong, or the run fails.
+            If the run fails.
         """
-        number = float(duration) / float(self.log_step)
-        if not 0.5 < number <= MAX_RUN_ROWS:
-            raise SimulationError(
-                f"a run of {duration} s has {number:.0f} rows; choose a duration with 1 to {MAX_RUN_ROWS}"
-            )
         self.changes.pop(name, None)
         session, named = Session.of(self.prepared), self.prepared.plan.p.named
         session.start(parameters=named(p), pace=self.pace)
         with session:
-            for k in range(round(number) + 1):
-                now = float(k * self.log_step)
+            for k in self.logged:
+                now = float(k * self.prepared.tick)
                 if k:
                     if name in self.changes:
                         session.tune(named(self.changes.pop(name)))

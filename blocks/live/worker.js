@@ -25,14 +25,19 @@ class Engine {
     this.fault = this.take(4);
     this.kinds = this.take(data.kinds.length);
     new Int8Array(exports.memory.buffer, this.kinds).set(data.kinds);
-    this.start = doubles(data.numbers).subarray(p);
+    this.start = data.numbers.subarray(p);
     if (data.loop) {
-      this.opened = doubles(data.loop.values);
+      this.opened = data.loop.values;
       this.point = this.take(8 * (this.opened.length + x + 1));
       this.wire = this.take(8 * Math.max(x + 1, data.loop.size));
     }
-    this.rest = this.top;
-    this.room = -1;
+    const { due, every, steps, width } = data;
+    this.rows = Math.ceil(steps / every) + 1;
+    this.due = this.take(2 * (steps + 1));
+    this.logged = this.take(steps + 1);
+    this.log = this.take(8 * width * (this.rows + 1));
+    for (const [k, set] of due) new Uint16Array(exports.memory.buffer, this.due)[k] = set;
+    for (let k = 0; k <= steps; k += every) new Uint8Array(exports.memory.buffer, this.logged)[k] = 1;
   }
 
   /** Return the rows of [A, B; C, D] of the loop at a point (time, x, d), for negative feedback. */
@@ -67,30 +72,6 @@ class Engine {
     return address;
   }
 
-  /** Lay out the arrays of a run: due sets, logged instants, rows. */
-  prepare(steps) {
-    if (steps === this.room) return;
-    const { width, clocks, sets } = this.data;
-    // Runs that are longer than that of the page are logged less often.
-    const every = (this.every = this.data.every * Math.ceil(steps / this.data.steps));
-    this.room = -1;
-    this.top = this.rest;
-    this.rows = Math.ceil(steps / every) + 1;
-    this.due = this.take(2 * (steps + 1));
-    this.logged = this.take(steps + 1);
-    this.log = this.take(8 * width * (this.rows + 1));
-    const due = new Uint16Array(this.c.memory.buffer, this.due, steps + 1).fill(0);
-    const logged = new Uint8Array(this.c.memory.buffer, this.logged, steps + 1).fill(0);
-    const number = new Map(sets.map((code, i) => [BigInt(code), i]));
-    const codes = new Map();
-    clocks.forEach(([period, offset], i) => {
-      for (let k = offset; k <= steps; k += period) codes.set(k, (codes.get(k) || 0n) | (1n << BigInt(i)));
-    });
-    for (const [k, code] of codes) due[k] = number.get(code);
-    for (let k = 0; k <= steps; k += every) logged[k] = 1;
-    this.room = steps;
-  }
-
   array(address, size) {
     return new Float64Array(this.c.memory.buffer, address, size);
   }
@@ -102,8 +83,7 @@ class Engine {
   /** Run from the initial states; `pause` is awaited between slices and ends the run if it returns true. */
   async run(job, pause) {
     const { sizes: [np, nx, nd], tick: [over, under], method, width, stored, modes, sides } = this.data;
-    this.prepare(job.steps);
-    const { every } = this;
+    const { every, steps } = this.data;
     this.array(this.p, np).set(job.p);
     this.array(this.x, nx).set(this.start.subarray(0, nx));
     this.array(this.d, nd).set(this.start.subarray(nx));
@@ -112,17 +92,17 @@ class Engine {
     this.array(this.d, nd).set(this.array(this.after, nx + stored).subarray(nx));
     const begin = [0, this.array(this.x, nx).slice(), this.array(this.d, nd).slice()];
     let row = 0, k = 0, fault = "";
-    while (k < job.steps && !fault) {
-      const number = Math.min(Math.ceil(job.steps / CHUNKS), job.steps - k);
+    while (k < steps && !fault) {
+      const number = Math.min(Math.ceil(steps / CHUNKS), steps - k);
       k += Number(this.c.tf_advance(this.work, method, over, under, BigInt(k), BigInt(number),
         this.x, this.d, this.p, this.due + 2 * k, this.logged + k, this.log + 8 * width * row, BigInt(width),
         this.fault, this.bad, this.kinds, sides, 0, 0));
       const code = new Int32Array(this.c.memory.buffer, this.fault, 1)[0];
       row = Math.ceil((k + (code && code !== 2)) / every);
       if (code) fault = this.explain(code, (k * over) / under, ((k + 1) * over) / under);
-      if (k < job.steps && (await pause(k / job.steps, () => this.result(row)))) return null;
+      if (k < steps && (await pause(k / steps, () => this.result(row)))) return null;
     }
-    const end = (k * over) / under, due = new Uint16Array(this.c.memory.buffer, this.due, job.steps + 1)[k];
+    const end = (k * over) / under, due = new Uint16Array(this.c.memory.buffer, this.due, steps + 1)[k];
     if (!fault && due) {
       this.evaluate(`sample_${due}`, end, this.x, this.d, this.after);
       const d = this.array(this.after, nd);
@@ -139,7 +119,7 @@ class Engine {
 
   /** Return times and values of the first rows. */
   result(rows) {
-    const { data: { tick: [over, under], width }, every } = this;
+    const { tick: [over, under], width, every } = this.data;
     const time = Float64Array.from({ length: rows }, (_, i) => (i * every * over) / under);
     return { time, log: this.array(this.log, width * rows).slice() };
   }

@@ -45,12 +45,15 @@ class Channel:
         """Whether the signal is a mode, which may be infinite."""
         return self.port.name in self.port.block.declared(Mode)
 
+    @property
+    def places(self) -> Vector:
+        """Indices of the elements in a logged row."""
+        return self.columns.start + self.port.elements().ravel()
+
     def values(self, *pieces: Vector) -> Vector:
         """Return the values of this channel in `pieces` of logged rows [as declared], joined along time."""
-        elements = self.port.elements()
-        columns = self.columns.start + elements.ravel()
-        found = np.concatenate([rows[:, columns] for rows in pieces])
-        return found.reshape(len(found), *elements.shape)
+        found = np.concatenate([rows[:, self.places] for rows in pieces])
+        return found.reshape(len(found), *self.port.elements().shape)
 
     def attributes(self) -> dict[str, str]:
         """Return unit, frame and meaning."""

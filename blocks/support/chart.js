@@ -63,8 +63,22 @@ const shareOf = (value, low, high, log) =>
   (log ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low));
 const valueAt = (share, low, high, log) => (log ? low * (high / low) ** share : low + (high - low) * share);
 
-const bytesOf = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-const doubles = (text) => new Float64Array(bytesOf(text).buffer);
+function bytesOf(text) {
+  const letters = atob(text), bytes = new Uint8Array(letters.length);
+  for (let i = 0; i < letters.length; ++i) bytes[i] = letters.charCodeAt(i);
+  return bytes;
+}
+
+/** Reviver of JSON.parse: packed arrays become numbers, or lists of rows. */
+function unpacked(_, value) {
+  if (value?.packed === undefined) return value;
+  const [count, columns] = value.shape, size = count * (columns ?? 1);
+  const planes = bytesOf(value.packed), bytes = new Uint8Array(8 * size), least = 8 - planes.length / size;
+  for (let k = least; k < 8; ++k)
+    for (let i = 0; i < size; ++i) bytes[8 * i + k] = planes[(k - least) * size + i];
+  const numbers = new Float64Array(bytes.buffer), row = (_, i) => numbers.subarray(i * columns, (i + 1) * columns);
+  return columns === undefined ? numbers : Array.from({ length: count }, row);
+}
 
 /** Return the bytes of a compressed element of the page. */
 async function inflated(id) {

@@ -11,28 +11,26 @@ import numpy.typing as npt
 
 from trussflow.blocks.framework.units import distinct
 from trussflow.blocks.support.files import reading
+from trussflow.blocks.support.packing import packed, spread
 from trussflow.blocks.support.types import Vector
 from trussflow.models.errors import ModelError
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.validation import frozen_array
-from trussflow.models.viewer.packing import Packer, columns
 
 if TYPE_CHECKING:
     import xarray as xr
 
 FRAME_TIME = 0.02
-"""Least time between instants of the picture [s]."""
-PICTURE_NUMBERS, CHART_NUMBERS = 800_000, 1_700_000
+"""Least time between shown instants [s]."""
+MAX_NUMBERS = 2_500_000
 """Numbers per page if they compress well; longer runs are shown at fewer instants [-]."""
-PICTURE_PRIORITY = 3.0
-"""Factor by which charts lose instants before the picture does [-]."""
-MIN_INSTANTS = 50
-"""Instants of a short run in the picture, if logged [-]."""
-COORDINATE_BITS = 36
+MIN_INSTANTS = 51
+"""Shown instants of a short run, if logged [-]."""
+COORDINATE_BITS = 37
 """Mantissa bits of a coordinate in the picture, about ten decimal digits [-]."""
 SHOWN_DISPLACEMENT = 0.5
 """Largest elastic displacement in the picture by the default exaggeration [m]."""
-CHART_BITS = 13
+CHART_BITS = 14
 """Mantissa bits of a number in a chart, about four decimal digits [-]."""
 
 
@@ -139,7 +137,7 @@ class Motion:
 
     def _values(self, port: str, size: int) -> Vector:
         variable = self.signals[self.name_of(port) or ""]
-        values = columns(variable)
+        values = _columns(variable)
         if len(values) != size:
             truss = self.truss
             raise ModelError(
@@ -174,63 +172,40 @@ class Motion:
             peak = np.sqrt(np.max(np.sum(moved**2, axis=1), initial=0.0))
         return int(np.clip(SHOWN_DISPLACEMENT / peak, 1, 500)) if peak > 0.0 else 1
 
-    def packed(self, packer: Packer, share: float) -> dict[str, Any]:
-        """Return the data of the page.
-
-        Parameters
-        ----------
-        packer : Packer
-            Packer of the arrays.
-        share : float
-            Share of the numbers per page [-].
-        """
-        none, size = np.zeros((0, len(self.time))), 3 * self.truss.robots
-        force, torque = (
-            self._values(port, size) if self.name_of(port) else none
-            for port in ("base_force", "base_torque")
-        )
-        shown = self._instants(
-            len(self.coordinates) + 2 * size,
-            min(1.0, PICTURE_PRIORITY * share) * PICTURE_NUMBERS,
-        )
-        total = sum(variable[0].size for variable in self.signals.values())
-        charted = self._instants(total, share * CHART_NUMBERS)
+    def data(self, share: float) -> dict[str, Any]:
+        """Return the data of the page, with a `share` of the numbers per page [-]."""
+        size, span = 3 * self.truss.robots, self.time[-1] - self.time[0]
+        numbers = sum(variable[0].size for variable in self.signals.values())
+        room = share * MAX_NUMBERS / (numbers + len(self.coordinates) + 2 * size)
+        frames = max(MIN_INSTANTS, span / FRAME_TIME + 1.5)
+        shown = spread(len(self.time), min(frames, room))
+        pushes = {
+            name: packed(self._values(port, size)[:, shown]) if self.name_of(port) else []
+            for name, port in (("force", "base_force"), ("torque", "base_torque"))
+        }
         return {
             "logged": len(self.time),
-            "time": packer.pack(self.time[None, shown], width=8),
-            "coordinates": packer.pack(
-                self.coordinates[:, shown], width=8, bits=COORDINATE_BITS
-            ),
+            "shown": len(shown),
+            "time": packed(self.time[shown]),
+            "coordinates": packed(self.coordinates[:, shown], COORDINATE_BITS),
             "ends": [self.truss.dynamics.attitude.end, self.truss.rigid_q],
-            "force": packer.pack(force[:, shown]),
-            "torque": packer.pack(torque[:, shown]),
-            "signalTime": packer.pack(self.time[None, charted], width=8),
+            **pushes,
             "signals": [
                 {
                     "name": name,
                     "units": distinct(str(variable.attrs.get("units") or "")),
                     "components": _components(variable),
                     "inner": variable.shape[2] if variable.ndim > 2 else 1,
-                    "values": packer.pack(
-                        columns(variable)[:, charted], bits=CHART_BITS
-                    ),
+                    "values": packed(_columns(variable)[:, shown], CHART_BITS),
                 }
                 for name, variable in self.signals.items()
             ],
         }
 
-    def _instants(self, numbers: int, room: float) -> Vector:
-        """Return the indices of shown instants, first and last included, for `numbers` per instant."""
-        start, end = self.time[0], self.time[-1]
-        frame = min(FRAME_TIME, (end - start) / MIN_INSTANTS)
-        spacing = frame * np.ceil(max(1.0, (end - start) / frame * numbers / room))
-        wanted = np.append(np.arange(start, end, spacing), end)
-        # The tolerance selects logged instants that are slightly early by round-off.
-        return np.unique(
-            np.minimum(
-                np.searchsorted(self.time, wanted - 1e-6 * spacing), len(self.time) - 1
-            )
-        )
+
+def _columns(variable: xr.DataArray) -> Vector:
+    """Return a signal as rows of components, one column per instant."""
+    return variable.to_numpy().astype(float).reshape(len(variable), -1).T
 
 
 def _components(variable: xr.DataArray) -> list[str]:

@@ -28,8 +28,6 @@ def movie(
     end: float | None = None,
     duration: float = 8.0,
     camera: str = "oblique",
-    follow: str | None = None,
-    exaggeration: float | None = None,
     size: tuple[int, int] = (800, 450),
 ) -> Path:
     """Write a film of the truss from a page by `replay`.
@@ -46,10 +44,6 @@ def movie(
         Duration of the film, at 15 frames per second [s].
     camera : str
         One of `CAMERAS`.
-    follow : str, optional
-        ``"nothing"``, ``"truss"`` or the number of a robot, counted from 0; by default that of the page.
-    exaggeration : float, optional
-        Exaggeration of the deformation, 1 to 500; by default that of the page [-].
     size : tuple of int
         Width and height [pixel].
 
@@ -74,8 +68,6 @@ def movie(
         t=start,
         end=end,
         camera=camera,
-        follow=follow,
-        exaggeration=exaggeration,
         film=f"{count},{size[0]},{size[1]}",
     ).stdout
     frames = [base64.b64decode(found[1]) for found in FRAME.finditer(text)]

@@ -1,24 +1,10 @@
 // The page of a run: the picture in space, and charts on the same axis of time.
-// Its data lie in the page: `head` (JSON) describes them, `blob` holds the arrays.
 "use strict";
-
-// ---- what lies in the page -----------------------------------------------------------------------------
-
-// Bytes lie sorted by their place in the number (they compress better), numbers by component.
-function unpacked(blob, { offset, shape, width }) {
-  const count = shape.reduce((a, b) => a * b, 1);
-  const bytes = new Uint8Array(count * width);
-  for (let k = 0; k < width; k++)
-    for (let i = 0; i < count; i++) bytes[i * width + k] = blob[offset + k * count + i];
-  const all = width === 8 ? new Float64Array(bytes.buffer) : new Float32Array(bytes.buffer);
-  const each = count / shape[0];
-  return Array.from({ length: shape[0] }, (_, i) => all.subarray(i * each, (i + 1) * each));
-}
 
 const row = (columns, i) => Array.from(columns, (column) => column[i]);
 
 function stateOf(run, t) {
-  const i = indexOf(run.time[0], t + 1e-9);
+  const i = indexOf(run.time, t + 1e-9);
   return Scene3d.stateOf(run.ends, ...[run.coordinates, run.force, run.torque].map((one) => row(one, i)));
 }
 
@@ -27,15 +13,15 @@ function stateOf(run, t) {
 class Page {
   constructor(head, camera) {
     Object.assign(this, head, { charts: [] });
-    this.start = Math.min(...this.runs.map((run) => run.time[0][0]));
-    this.end = Math.max(...this.runs.map((run) => run.time[0].at(-1)));
+    this.start = Math.min(...this.runs.map((run) => run.time[0]));
+    this.end = Math.max(...this.runs.map((run) => run.time.at(-1)));
     this.t = this.start;
     const changed = (all) => this.charts.forEach((chart) => (all ? chart.draw() : chart.mark()));
     const ends = [this.start, this.end], pick = (t) => this.show(t);
     this.view = { label: "time", unit: "s", ends, pick, changed };
     const longest = Object.fromEntries(["force", "torque"].map((name) => [name, this.peak(name)]));
     const target = this.target && Scene3d.stateOf(this.runs[0].ends, this.target), cloud = this.poses();
-    const paths = this.runs.map((run) => this.path(run)), options = { target, longest, paths, camera, cloud };
+    const options = { target, longest, camera, cloud };
     this.scene = new Scene3d.Scene($("picture"), this.runs, this.states(this.t), options);
   }
 
@@ -51,16 +37,6 @@ class Page {
         vectors[0].forEach((_, i) => { longest = Math.max(longest, Math.hypot(...row(vectors, i))); });
       }
     return longest;
-  }
-
-  path({ time, coordinates }) { // of the root, as points some centimetres apart
-    const found = [], every = Math.max(1, Math.ceil(time[0].length / 400));
-    for (let i = 0; i < time[0].length; i += every) {
-      const point = row(coordinates.slice(0, 3), i), last = found.at(-1) ?? [];
-      const isNew = !(Math.hypot(...point.map((a, k) => a - last[k])) < 0.1);
-      if (Scene3d.near(point) && isNew) found.push(point);
-    }
-    return found;
   }
 
   poses() { // of all runs at some instants
@@ -100,7 +76,7 @@ class Page {
     for (let k = 0; k < count; k++) {
       this.t = start + ((end - start) * k) / Math.max(1, count - 1);
       this.scene.show(this.states(this.t), this.scale);
-      found.append(`${this.scene.picture(width, height, `${this.t.toFixed(1)} s`)}\n`);
+      found.append(`${this.scene.picture(width, height)}\n`);
     }
   }
 
@@ -115,7 +91,7 @@ class Page {
       return { label, colour, values: (run) => signal(run)?.values[k] ?? [] };
     });
     const chart = new Chart(place, { unit: units, curves }, this.view);
-    chart.show(...this.runs.map(({ signalTime, signals }) => ({ time: signalTime[0], signals })));
+    chart.show(...this.runs);
     this.charts.push(chart);
   }
 }
@@ -156,9 +132,8 @@ function listen(page) {
 }
 
 async function begin() {
-  const blob = await inflated("blob"), asked = new URLSearchParams(location.hash.slice(1));
-  const array = (_, value) => (value?.width ? unpacked(blob, value) : value);
-  const head = JSON.parse($("head").textContent, array);
+  const asked = new URLSearchParams(location.hash.slice(1));
+  const head = JSON.parse(new TextDecoder().decode(await inflated("head")), unpacked);
   const cameras = Object.keys(Scene3d.CAMERAS), camera = asked.get("camera") ?? "oblique";
   if (asked.has("still")) { // a picture of so many pixels height, and nothing else
     document.body.className = "still";
@@ -178,7 +153,7 @@ async function begin() {
   $("follow").value = asked.get("follow") ?? (page.scene.far ? "truss" : "nothing");
   page.scene.followed = $("follow").value;
   // The arrow keys move the slider by one instant of the picture.
-  const step = (page.end - page.start) / (page.runs[0].time[0].length - 1);
+  const step = (page.end - page.start) / (page.runs[0].time.length - 1);
   Object.assign($("time"), { min: page.start, max: page.end, step });
   if (page.runs.length > 1) $("second").textContent = `faint curves: ${page.runs[1].name}`;
   page.legend();

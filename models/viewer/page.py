@@ -13,11 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.support.files import replaced
+from trussflow.blocks.support.packing import compressed
 from trussflow.blocks.support.texts import package_text, page_text, script_json
 from trussflow.models.errors import ModelError
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.viewer.motion import Motion, opened
-from trussflow.models.viewer.packing import Packer
 from trussflow.models.viewer.scene import plant_of, scene_of
 
 if TYPE_CHECKING:
@@ -135,13 +135,12 @@ def replay(
 
     def written(room: float) -> bytes:
         """Return the page with a share `room` of the numbers of a page that compresses well."""
-        packer = Packer()
         head = {
             "runs": [
                 {
                     "name": name,
-                    "truss": scene_of(motion.truss, rods, packer),
-                    **motion.packed(packer, room / len(data)),
+                    "truss": scene_of(motion.truss, rods),
+                    **motion.data(room / len(data)),
                 }
                 for name, motion in zip(names, motions, strict=False)
             ],
@@ -149,18 +148,16 @@ def replay(
             "shown": sorted(ranks, key=ranks.__getitem__)[:INITIAL_CHARTS],
             "exaggeration": first.exaggeration(),
         }
-        return _text(title, head, packer, sections).encode("utf-8")
+        return _text(title, head, sections).encode("utf-8")
 
-    room, page = 1.0, written(1.0)
-    least = len(written(NO_ROOM)) if len(page) > MAX_PAGE_BYTES else 0
-    if least > MAX_PAGE_BYTES:
-        raise ModelError(
-            f"cannot show the run in a page of {MAX_PAGE_BYTES / 1e6:g} MB: truss, sections and names of "
-            f"signals alone take {least / 1e6:.1f} MB; use a truss with fewer points or modes"
-        )
-    while len(page) > MAX_PAGE_BYTES:  # noise hardly compresses
-        room *= 0.95 * (MAX_PAGE_BYTES - least) / (len(page) - least)
-        page = written(max(room, NO_ROOM))
+    room = 1.0
+    while len(page := written(room)) > MAX_PAGE_BYTES:  # noise hardly compresses
+        if room < NO_ROOM:
+            raise ModelError(
+                f"cannot show the run in a page of {MAX_PAGE_BYTES / 1e6:g} MB: truss, sections and names of "
+                f"signals alone take {len(page) / 1e6:.1f} MB; use a truss with fewer points or modes"
+            )
+        room *= 0.8 * MAX_PAGE_BYTES / len(page)
     try:
         with replaced(path) as partial:
             partial.write_bytes(page)
@@ -172,8 +169,7 @@ def replay(
 def _note(runs: list[dict[str, Any]]) -> str:
     """Return a note on the numbers of logged and shown instants."""
     parts = [
-        f"{run['name']}: {run['logged']} logged instants, {run['time']['shape'][1]} of them in the picture, "
-        f"{run['signalTime']['shape'][1]} in the charts"
+        f"{run['name']}: {run['logged']} logged instants, {run['shown']} of them shown"
         for run in runs
     ]
     troubles = dict.fromkeys(
@@ -187,7 +183,7 @@ def _note(runs: list[dict[str, Any]]) -> str:
 
 
 def _text(
-    title: str, head: dict[str, Any], packer: Packer, sections: Sequence[Section]
+    title: str, head: dict[str, Any], sections: Sequence[Section]
 ) -> str:
     return page_text(
         "trussflow.models.viewer",
@@ -198,6 +194,5 @@ def _text(
             f"<section><h2>{escape(s.title)}</h2>{s.content}</section>\n"
             for s in sections
         ),
-        head=script_json(head, allow_nan=False),
-        blob=packer.blob(),
+        head=compressed(script_json(head, allow_nan=False).encode()),
     )

@@ -2,25 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.live.page import Panel
 from trussflow.blocks.support.texts import package_text, script_json
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.validation import frozen_array
-from trussflow.models.viewer.packing import Packer
 from trussflow.models.viewer.scene import scene_of
-
-
-class _Lists(Packer):
-    """Packer that leaves arrays in the description of the scene."""
-
-    def pack(self, values: npt.ArrayLike, *, width: int = 8, bits: int = 52) -> Any:
-        """Return an array as lists."""
-        return np.asarray(values).tolist()
 
 
 def scene_panel(
@@ -55,15 +43,15 @@ def scene_panel(
     )
     names = [f"{path}.{port}" for port in ("coordinates", "base_force", "base_torque")]
     data = {
-        "truss": scene_of(truss, rods, _Lists()),
+        "truss": scene_of(truss, rods),
         "names": names,
         "ends": [truss.dynamics.attitude.end, truss.rigid_q],
         "start": truss.parameters["initial_coordinates"].tolist(),
         "target": goal,
     }
-    text = script_json(data, allow_nan=False)
+    text = script_json(script_json(data, allow_nan=False))
     return Panel(
         package_text("scene3d.js", "trussflow.models.viewer")
-        + f"\nwindow.trussflowPanels.push(Scene3d.panel({text}));\n",
+        + f"\nwindow.trussflowPanels.push(Scene3d.panel(JSON.parse({text}, unpacked)));\n",
         tuple(names),
     )

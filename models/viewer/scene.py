@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.errors import ParameterError
+from trussflow.blocks.support.packing import packed
 from trussflow.blocks.support.validation import number_array
 from trussflow.models.errors import ModelError
 from trussflow.models.geometry.attitude import QUATERNION
@@ -16,8 +17,10 @@ from trussflow.models.plant.space_truss import STRUCTURES, SpaceTruss
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.truss.paper_truss import paper_structure
 from trussflow.models.truss.truss_modes import TrussModes
-from trussflow.models.viewer.packing import Packer
 from trussflow.models.viewer.solids import MAX_TRIANGLES, solid_of
+
+POINT_BITS = 24
+"""Mantissa bits of a corner of a robot, about seven decimal digits [-]."""
 
 
 def plant_of(truss: SpaceTruss | str | None, attributes: dict[str, Any]) -> SpaceTruss:
@@ -51,9 +54,7 @@ def plant_of(truss: SpaceTruss | str | None, attributes: dict[str, Any]) -> Spac
     )
 
 
-def scene_of(
-    truss: SpaceTruss, rods: npt.ArrayLike | None, packer: Packer
-) -> dict[str, Any]:
+def scene_of(truss: SpaceTruss, rods: npt.ArrayLike | None) -> dict[str, Any]:
     """Return the geometry of a plant.
 
     Parameters
@@ -62,8 +63,6 @@ def scene_of(
         Plant.
     rods : array_like, shape (k, 2), optional
         Pairs of point masses connected by a rod [-]; by default those of the reconstructed frame.
-    packer : Packer
-        Packer of the arrays.
 
     Raises
     ------
@@ -71,7 +70,7 @@ def scene_of(
         If rods are required but not given, or are not pairs of point masses.
     """
     modes, arms = truss.dynamics.modes, truss.dynamics.arms
-    solids = _solids(arms, packer)
+    solids = _solids(arms)
     try:
         joined = frame_rods(modes) if rods is None else number_array("rods", rods)
     except ParameterError:
@@ -85,8 +84,8 @@ def scene_of(
             f"cannot draw the truss: rods must be pairs of its {len(modes.masses)} points, counted from 0"
         )
     return {
-        "points": packer.pack(modes.positions, width=8),
-        "shapes": packer.pack(modes.shapes.reshape(len(modes.masses), -1)),
+        "points": packed(modes.positions),
+        "shapes": packed(modes.shapes.reshape(len(modes.masses), -1)),
         "rods": joined.astype(int).tolist(),
         "arms": [
             _arm(modes, i, arm, solid)
@@ -131,7 +130,7 @@ def _arm(
     return found
 
 
-def _solids(arms: Sequence[RobotArm], packer: Packer) -> list[dict[str, Any]]:
+def _solids(arms: Sequence[RobotArm]) -> list[dict[str, Any]]:
     """Return the solid of each robot; robots with the same visuals share it."""
     found: dict[int, dict[str, Any]] = {}
     keys = [id(arm.visuals) if arm.visuals else id(arm) for arm in arms]
@@ -140,9 +139,9 @@ def _solids(arms: Sequence[RobotArm], packer: Packer) -> list[dict[str, Any]]:
             solid = solid_of(arm, MAX_TRIANGLES // len(arms))
             found[key] = {
                 "drawn": len(solid.troubles) < len(arm.visuals),
-                "points": packer.pack(solid.points),
+                "points": packed(solid.points, POINT_BITS),
                 "bodies": solid.bodies.tolist(),
-                "faces": packer.pack(solid.faces.T),
+                "faces": solid.faces.T.tolist(),
                 "troubles": [
                     f"{arm.name} without {trouble}" for trouble in solid.troubles
                 ],

@@ -5,10 +5,10 @@
 const Scene3d = (() => {
   const RODS = [["#8795a5", "#c3ced9"], ["#e0803c", "#fdba74"]]; // of either run, on light and on dark
   const THEMES = [
-    { back: "#eef2f6", grid: "#64748b", ghost: "#16a34a", path: "#334155", link: "#dfe5ec" },
-    { back: "#0d1420", grid: "#94a3b8", ghost: "#4ade80", path: "#94a3b8", link: "#e8edf3" },
+    { back: "#eef2f6", grid: "#64748b", ghost: "#16a34a", link: "#dfe5ec" },
+    { back: "#0d1420", grid: "#94a3b8", ghost: "#4ade80", link: "#e8edf3" },
   ];
-  const ARROWS = [["force", "thrust", "N", 1, "#dc2626"], ["torque", "torque", "N·m", 2, "#a855f7"]];
+  const ARROWS = [["force", "thrust", "N", "#dc2626"], ["torque", "torque", "N·m", "#a855f7"]];
   const AXES = [["x", "#dc2626"], ["y", "#16a34a"], ["z", "#2563eb"]];
   const CAMERAS = { // azimuth and elevation of the eye [rad]
     oblique: [-2.08, 0.42], front: [-Math.PI / 2, 0.06], side: [0, 0.06], top: [-Math.PI / 2, Math.PI / 2],
@@ -108,12 +108,13 @@ const Scene3d = (() => {
   const trussOf = (truss, { points }, { rod }) =>
     truss.rods.map(([a, b]) => [points[a], rod, points[b], rod, 1]);
 
-  function armOf(arm, { chain }, link) { // links have a colour of their own
+  function armOf(arm, { chain, corners }, link) { // links have a colour of their own
     const pairs = chain.slice(1).map((b, k) => [chain[k], b]);
     const reach = pairs.reduce((found, [a, b]) => found + Math.hypot(...sum(b, a, -1)), 0);
     const radius = arm.solid.drawn ? 0.004 : 0.035 * reach;
     const links = pairs.map(([a, b]) => [a, radius, b, radius, 1, link]);
-    return arm.solid.drawn ? links : [...links, ...chain.slice(0, -1).map((at) => ball(at, 1.35 * radius))];
+    if (arm.solid.drawn) return links;
+    return [...links, ...chain.slice(0, -1).map((at) => ball(at, 1.35 * radius)), ...edgesOf(corners)];
   }
 
   function edgesOf(corners) { // of a box, whose corners are numbered by the signs of z, y and x
@@ -121,14 +122,11 @@ const Scene3d = (() => {
     return [1, 2, 4].flatMap(from).map(([a, b]) => [a, 0.014, b, 0.014, 1]);
   }
 
-  function arrowOf(from, along, heads) { // one head for a force, two for a torque
-    const size = Math.hypot(...along);
+  function arrowOf(from, along) {
+    const size = Math.hypot(...along), head = Math.min(size / 2, 0.34), thick = Math.min(0.035, head / 6);
     if (!(size > 1e-3 * LONGEST)) return [];
-    const unit = unitOf(along), tip = sum(from, along), cones = [];
-    const head = Math.min(size / (1 + heads), 0.34), thick = Math.min(0.035, head / 6);
-    for (let k = heads - 1; k >= 0; k--)
-      cones.push([sum(tip, unit, -head * (1 + 0.8 * k)), 2.6 * thick, sum(tip, unit, -0.8 * k * head), 0, 0]);
-    return [[from, thick, cones[0][0], thick, 0], ...cones];
+    const tip = sum(from, along), neck = sum(tip, along, -head / size);
+    return [[from, thick, neck, thick, 0], [neck, 2.6 * thick, tip, 0, 0]];
   }
 
   // ---- program of the graphics processor ----------------------------------------------------------------
@@ -208,15 +206,15 @@ const Scene3d = (() => {
 
   class Scene {
     // `runs` have a name and a truss, `states` their first state, with force and torque of the bases; `cloud`
-    // are poses that the picture shows, `paths` those of the roots, `longest` the largest force and torque.
-    constructor(box, runs, states, { target, cloud = [], paths = [], longest = {}, camera = "oblique" }) {
+    // are poses that the picture shows, `longest` is the largest force and torque.
+    constructor(box, runs, states, { target, cloud = [], longest = {}, camera = "oblique" }) {
       this.element = box;
       this.canvas = box.appendChild(element("canvas"));
       box.style.position = "relative";
       this.canvas.style.cssText = "position:absolute;inset:0;width:100%;height:100%;touch-action:pinch-zoom";
       this.gl = this.canvas.getContext("webgl2", { antialias: true });
       if (!this.gl) throw new Error("the browser has no WebGL 2; allow hardware or software rendering");
-      Object.assign(this, { runs, paths, longest, states, scale: 1, followed: "nothing", hidden: new Set() });
+      Object.assign(this, { runs, longest, states, scale: 1, followed: "nothing", hidden: new Set() });
       this.sizes = runs.map(({ truss }) => radiiOf(truss));
       this.goal = target && posed(runs[0].truss, target, 0);
       this.half = this.sizes[0].half.map((a) => a + 2 * MARGIN);
@@ -311,7 +309,7 @@ const Scene3d = (() => {
 
     // All parts by name: capsules, or corners and triangles; layers above 0 are transparent.
     parts() {
-      const parts = [], { ghost, path: trail, link } = THEMES[+this.dark], several = this.runs.length > 1;
+      const parts = [], { ghost, link } = THEMES[+this.dark], several = this.runs.length > 1;
       const part = (name, colour, capsules, more = {}) =>
         parts.push({ name, legend: name, colour, alpha: 1, layer: 0, capsules, faces: [], ...more });
       this.runs.forEach(({ name, truss }, number) => {
@@ -325,40 +323,33 @@ const Scene3d = (() => {
           const pale = number ? { alpha: 0.2, layer: 3 } : { alpha: this.dark ? 0.5 : 0.32, layer: 1 };
           const glass = arm.solid.drawn ? look : pale; // the arm lies in the box
           part(`base ${k + 1}`, colour, [], { ...glass, legend: robot, corners, faces: arm.solid.faces });
-          if (!arm.solid.drawn) part(`edges ${k + 1}`, colour, edgesOf(corners), { ...look, legend: robot });
         });
-        for (const [key, what, unit, heads, colour] of ARROWS) {
+        for (const [key, what, unit, colour] of ARROWS) {
           if (!this.longest[key] || !state[key]?.length) continue;
           const each = pose.arms.map((arm, k) => {
             const push = state[key].slice(3 * k, 3 * k + 3).map((a) => (a * LONGEST) / this.longest[key]);
-            return arrowOf(arm.centre, turned(arm.axes, push), heads);
+            return arrowOf(arm.centre, turned(arm.axes, push));
           });
           part(`${what}, at most ${quantity(this.longest[key], unit)}`, colour, each.flat(), look);
         }
-        const path = this.paths[number] ?? [], radius = 0.6 * size.rod;
-        const pieces = path.slice(1).map((b, k) => [path[k], radius, b, radius, 1]);
-        part("path of the root", number ? RODS[1][0] : trail, pieces);
       });
       if (this.goal) {
         const { truss } = this.runs[0], look = { alpha: this.dark ? 0.5 : 0.3, layer: 2 };
         part("target", ghost, trussOf(truss, this.goal, this.sizes[0]), look);
         truss.arms.forEach((arm, k) => {
-          const pose = this.goal.arms[k], { drawn, faces } = arm.solid;
-          const mesh = drawn ? { corners: pose.corners, faces } : {};
-          const lines = drawn ? [] : [...armOf(arm, pose), ...edgesOf(pose.corners)];
-          part(`target of robot ${k + 1}`, ghost, lines, { ...look, ...mesh, legend: "target" });
+          const pose = this.goal.arms[k], mesh = { corners: pose.corners, faces: arm.solid.faces };
+          part(`target of robot ${k + 1}`, ghost, armOf(arm, pose), { ...look, ...mesh, legend: "target" });
         });
       }
       const middle = this.bounds.map(([low, high], k) => (k < 2 ? (low + high) / 2 : low - MARGIN));
       AXES.forEach(([name, colour], k) =>
-        part(`${name}, 1 m`, colour, arrowOf(middle, [0, 1, 2].map((axis) => +(axis === k)), 1)));
+        part(`${name}, 1 m`, colour, arrowOf(middle, [0, 1, 2].map((axis) => +(axis === k)))));
       return parts;
     }
 
     legend() { // names and colours in the order of their first part
       const found = new Map();
-      for (const { legend, colour, capsules } of this.parts())
-        if (capsules.length || legend !== "path of the root") found.set(legend, found.get(legend) ?? colour);
+      for (const { legend, colour } of this.parts()) found.set(legend, found.get(legend) ?? colour);
       return [...found];
     }
 
@@ -470,15 +461,9 @@ const Scene3d = (() => {
       }
     }
 
-    // Picture of so many pixels as a data URL, with a caption.
-    picture(width, height, caption) {
+    picture(width, height) { // of so many pixels, as a data URL
       this.draw(width, height, 1);
-      const whole = Object.assign(element("canvas"), { width, height }), context = whole.getContext("2d");
-      context.drawImage(this.canvas, 0, 0);
-      context.font = "12px system-ui, sans-serif";
-      context.fillStyle = THEMES[+this.dark].path;
-      context.fillText(caption, 14, 22);
-      return whole.toDataURL("image/png");
+      return this.canvas.toDataURL("image/png");
     }
   }
 
