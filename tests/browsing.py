@@ -10,9 +10,8 @@ def unpacked(found):
     if "packed" not in found:
         return found
     size = int(np.prod(found["shape"]))
-    planes = np.frombuffer(base64.b64decode(found["packed"]), np.uint8).reshape(
-        -1, size
-    )
+    planes = np.frombuffer(base64.b64decode(found["packed"]), np.uint8)
+    planes = planes.reshape(len(planes) // max(size, 1), size)
     missing = np.zeros((8 - len(planes), size), np.uint8)
     numbers = np.ascontiguousarray(np.vstack([missing, planes]).T).view("<f8")
     return numbers.reshape(found["shape"])

@@ -12,7 +12,7 @@ from trussflow.models.reporting.tables import html_table
 from trussflow.models.transport.figures import DRAWINGS
 from trussflow.models.transport.mission_file import MissionFile
 from trussflow.models.transport.summary import TITLES, FigureOfMerit, cells
-from trussflow.models.viewer.page import Section, replay
+from trussflow.models.viewer.page import replay
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -58,41 +58,26 @@ def write_index(
     live = (
         '<p><a href="live.html">Simulate with other parameters in this browser</a></p>'
     )
-    sections = [
-        *([Section("Live", live)] if (folder / "live.html").is_file() else []),
-        Section("Summary", html_table(TITLES, cells(figures))),
-        Section("Figures", _charts(result)),
-        *([Section("Diagram", drawing)] if drawing else []),
-        Section(
-            "Parameters",
-            html_table(("where", "value", "source"), _parameters(mission_file, result)),
-        ),
-        Section(
-            "Provenance",
-            html_table(("what", "value"), [(str(k), str(v)) for k, v in about.items()]),
-        ),
-    ]
+    sections = {"Live": live} if (folder / "live.html").is_file() else {}
+    sections["Summary"] = html_table(TITLES, cells(figures))
+    if drawing:
+        sections["Diagram"] = drawing
+    sections["Parameters"] = html_table(
+        ("where", "value", "source"), _parameters(mission_file, result)
+    )
+    sections["Provenance"] = html_table(
+        ("what", "value"), [(str(k), str(v)) for k, v in about.items()]
+    )
+    charts = (name for group in DRAWINGS.values() for name in group)
     return replay(
         result,
         mission_file.truss,
         folder / "index.html",
         rods=mission_file.rods,
         title=f"{mission_file.title}: {about.get('plant')} plant, {about.get('controller')}{ended}",
+        charts=[name for name in charts if name in result and result[name].size],
         sections=sections,
     )
-
-
-def _charts(result: xr.Dataset) -> str:
-    names = [
-        name
-        for group in DRAWINGS.values()
-        for name in group
-        if name in result and result[name].size
-    ]
-    chart = (
-        '<div class="chart"><h3>{}</h3><div class="plot" data-signal="{}"></div></div>'
-    )
-    return f'<div class="figures">{"".join(chart.format(n.replace("_", " "), n) for n in names)}</div>'
 
 
 def _parameters(mission_file: MissionFile, result: xr.Dataset) -> list[tuple[str, ...]]:

@@ -23,7 +23,6 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         prog,
         "Write a run as one HTML file: animation of the truss and charts of all logged signals.",
         "results/case1/result.nc                             # writes replay.html",
-        "results/case1/result.nc smc/result.nc --names ismc smc      # two runs in one page",
         "results/case1/result.nc --frame 30 --png truss.png  # page and picture",
         "results/case1/index.html --png truss.png            # picture of an existing page",
         "results/case1/index.html --movie truss.gif          # film of eight seconds",
@@ -34,15 +33,9 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         help="netCDF file of a run, or existing page for --png or --movie",
     )
     found.add_argument(
-        "other", type=Path, nargs="?", help="second run, in the same picture"
-    )
-    found.add_argument(
         "--truss",
         choices=STRUCTURES,
-        help="plant of the runs; default: those in the results",
-    )
-    found.add_argument(
-        "--names", nargs=2, default=["run", "other run"], help="names of the runs"
+        help="plant of the run; default: that in the result",
     )
     found.add_argument("--title", default="Replay", help="title of the page")
     found.add_argument(
@@ -78,12 +71,7 @@ def view(options: argparse.Namespace) -> Outcome:
     if page.suffix != ".html":
         with status_line("writing the page"):
             page = replay(
-                options.result,
-                options.truss,
-                options.output,
-                other=options.other,
-                names=options.names,
-                title=options.title,
+                options.result, options.truss, options.output, title=options.title
             )
         lines.append(f"open {page} in a browser")
     if options.png is not None:

@@ -180,7 +180,9 @@ class Motion:
         frames = max(MIN_INSTANTS, span / FRAME_TIME + 1.5)
         shown = spread(len(self.time), min(frames, room))
         pushes = {
-            name: packed(self._values(port, size)[:, shown]) if self.name_of(port) else []
+            name: packed(self._values(port, size)[:, shown])
+            if self.name_of(port)
+            else []
             for name, port in (("force", "base_force"), ("torque", "base_torque"))
         }
         return {

@@ -1,47 +1,34 @@
 // The page of a run: the picture in space, and charts on the same axis of time.
 "use strict";
 
-const row = (columns, i) => Array.from(columns, (column) => column[i]);
-
-function stateOf(run, t) {
-  const i = indexOf(run.time, t + 1e-9);
-  return Scene3d.stateOf(run.ends, ...[run.coordinates, run.force, run.torque].map((one) => row(one, i)));
-}
-
-// ---- the page ------------------------------------------------------------------------------------------
-
 class Page {
   constructor(head, camera) {
-    Object.assign(this, head, { charts: [] });
-    this.start = Math.min(...this.runs.map((run) => run.time[0]));
-    this.end = Math.max(...this.runs.map((run) => run.time.at(-1)));
+    Object.assign(this, head, { charts: [], start: head.time[0], end: head.time.at(-1) });
     this.t = this.start;
     const changed = (all) => this.charts.forEach((chart) => (all ? chart.draw() : chart.mark()));
     const ends = [this.start, this.end], pick = (t) => this.show(t);
     this.view = { label: "time", unit: "s", ends, pick, changed };
-    const longest = Object.fromEntries(["force", "torque"].map((name) => [name, this.peak(name)]));
-    const target = this.target && Scene3d.stateOf(this.runs[0].ends, this.target), cloud = this.poses();
+    const longest = { force: this.peak(this.force), torque: this.peak(this.torque) };
+    const instants = Array.from({ length: 21 }, (_, k) => this.start + ((this.end - this.start) * k) / 20);
+    const cloud = instants.map((t) => Scene3d.posed(this.truss, this.state(t)));
+    const target = this.target && Scene3d.stateOf(this.ends, this.target);
     const options = { target, longest, camera, cloud };
-    this.scene = new Scene3d.Scene($("picture"), this.runs, this.states(this.t), options);
+    this.scene = new Scene3d.Scene($("picture"), this.truss, this.state(this.t), options);
   }
 
   get scale() { return Number($("exaggeration").value); }
 
-  states(t) { return this.runs.map((run) => stateOf(run, t)); }
-
-  peak(name) { // longest vector of three of all robots, instants and runs
-    let longest = 0;
-    for (const run of this.runs)
-      for (let k = 0; k < run[name].length; k += 3) {
-        const vectors = run[name].slice(k, k + 3);
-        vectors[0].forEach((_, i) => { longest = Math.max(longest, Math.hypot(...row(vectors, i))); });
-      }
-    return longest;
+  state(t) {
+    const i = indexOf(this.time, t + 1e-9), { ends, coordinates, force, torque } = this;
+    return Scene3d.stateOf(ends, ...[coordinates, force, torque].map((rows) => rows.map((row) => row[i])));
   }
 
-  poses() { // of all runs at some instants
-    const instants = Array.from({ length: 21 }, (_, k) => this.start + ((this.end - this.start) * k) / 20);
-    return this.runs.flatMap((run) => instants.map((t) => Scene3d.posed(run.truss, stateOf(run, t))));
+  peak(rows) { // longest vector of three of all robots and instants
+    let longest = 0;
+    for (let k = 0; k < rows.length; k += 3)
+      for (const i of this.time.keys())
+        longest = Math.max(longest, Math.hypot(rows[k][i], rows[k + 1][i], rows[k + 2][i]));
+    return longest;
   }
 
   legend() {
@@ -63,7 +50,7 @@ class Page {
     $("time").value = this.t;
     $("now").textContent = `${this.t.toFixed(2)} s`;
     $("scale").textContent = `deformation × ${this.scale}`;
-    this.scene.show(this.states(this.t), this.scale);
+    this.scene.show(this.state(this.t), this.scale);
     this.view.cursor = this.t;
     this.view.changed();
   }
@@ -75,7 +62,7 @@ class Page {
     document.body.append(found);
     for (let k = 0; k < count; k++) {
       this.t = start + ((end - start) * k) / Math.max(1, count - 1);
-      this.scene.show(this.states(this.t), this.scale);
+      this.scene.show(this.state(this.t), this.scale);
       found.append(`${this.scene.picture(width, height)}\n`);
     }
   }
@@ -83,15 +70,13 @@ class Page {
   chart(place, name) { // in place of that before
     this.charts = this.charts.filter(({ parent }) => parent !== place);
     place.textContent = "";
-    const signal = (run) => run.signals.find((one) => one.name === name);
-    const found = this.runs.map(signal).filter(Boolean);
-    const { units, inner, components } = found.sort((a, b) => b.components.length - a.components.length)[0];
+    const { units, inner, components, values } = this.signals.find((one) => one.name === name);
     const curves = components.map((label, k) => {
       const colour = COLOURS[Math.floor(k / inner) % COLOURS.length];
-      return { label, colour, values: (run) => signal(run)?.values[k] ?? [] };
+      return { label, colour, values: () => values[k] };
     });
     const chart = new Chart(place, { unit: units, curves }, this.view);
-    chart.show(...this.runs);
+    chart.show(this);
     this.charts.push(chart);
   }
 }
@@ -103,17 +88,15 @@ const choices = (select, named) =>
 
 function chartsOf(page) {
   const label = ({ name, units }) => [name, name.replaceAll("_", " ") + (units && ` [${units}]`)];
-  const named = new Map(page.runs.flatMap((run) => run.signals.map(label)));
-  for (const name of page.shown) {
+  for (const name of page.charted) {
     const select = element("select"), place = element("div");
     select.ariaLabel = "signal";
-    choices(select, named);
+    choices(select, page.signals.map(label));
     select.value = name;
     $("charts").append(select, place);
     page.chart(place, name);
     select.onchange = () => page.chart(place, select.value);
   }
-  for (const place of document.querySelectorAll("[data-signal]")) page.chart(place, place.dataset.signal);
 }
 
 function listen(page) {
@@ -141,7 +124,7 @@ async function begin() {
   }
   choices($("camera"), cameras.map((name) => [name, name]));
   choices($("follow"), [["nothing", "nothing"], ["truss", "truss"]]);
-  choices($("follow"), head.runs[0].truss.arms.map((_, k) => [k, `robot ${k + 1}`]));
+  choices($("follow"), head.truss.arms.map((_, k) => [k, `robot ${k + 1}`]));
   $("camera").value = camera;
   $("exaggeration").value = asked.get("exaggeration") ?? head.exaggeration;
   const page = new Page(head, camera), time = (name, value) => {
@@ -153,9 +136,8 @@ async function begin() {
   $("follow").value = asked.get("follow") ?? (page.scene.far ? "truss" : "nothing");
   page.scene.followed = $("follow").value;
   // The arrow keys move the slider by one instant of the picture.
-  const step = (page.end - page.start) / (page.runs[0].time.length - 1);
+  const step = (page.end - page.start) / (page.time.length - 1);
   Object.assign($("time"), { min: page.start, max: page.end, step });
-  if (page.runs.length > 1) $("second").textContent = `faint curves: ${page.runs[1].name}`;
   page.legend();
   if (asked.has("film")) {
     const [count, width, height] = asked.get("film").split(",").map(Number);

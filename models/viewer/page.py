@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
-from dataclasses import dataclass
-from html import escape, unescape
+from collections.abc import Mapping, Sequence
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import numpy.typing as npt
 
 from trussflow.blocks.support.files import replaced
@@ -41,33 +38,16 @@ NO_ROOM = 1e-9
 """Share of numbers per page with only the first and the last instant [-]."""
 
 
-@dataclass(frozen=True, slots=True)
-class Section:
-    """Section of the page below the picture.
-
-    Attributes
-    ----------
-    title : str
-        Heading.
-    content : str
-        HTML text; an element with the attribute ``data-signal`` becomes a chart of the signal of that name.
-    """
-
-    title: str
-    content: str
-
-
 def replay(
     result: xr.Dataset | str | Path,
     truss: SpaceTruss | str | None,
     path: str | Path,
     *,
-    other: xr.Dataset | str | Path | None = None,
-    names: Sequence[str] = ("run", "other run"),
     target: npt.ArrayLike | None = None,
     rods: npt.ArrayLike | None = None,
     title: str = "Replay",
-    sections: Sequence[Section] = (),
+    charts: Sequence[str] | None = None,
+    sections: Mapping[str, str] | None = None,
 ) -> Path:
     """Write a page of a run, with the moving truss and charts of all logged signals.
 
@@ -80,10 +60,6 @@ def replay(
         the result of a mission.
     path : str or pathlib.Path
         File to write.
-    other : xarray.Dataset, str or pathlib.Path, optional
-        Second run, shown over the first; its plant is that named in it, otherwise `truss`.
-    names : sequence of str
-        Names of the two runs.
     target : array_like, optional
         Task coordinates of the target pose, drawn transparently [m, rad]; by default the attribute ``target``
         of the result.
@@ -91,8 +67,10 @@ def replay(
         Pairs of point masses connected by a rod [-]; required except for the shipped trusses.
     title : str
         Title of the page.
-    sections : sequence of Section
-        Further sections below the picture.
+    charts : sequence of str, optional
+        Signals of the first charts; by default up to four. The reader may choose others.
+    sections : mapping of str to str, optional
+        Further sections below the picture: HTML texts by title.
 
     Returns
     -------
@@ -103,7 +81,7 @@ def replay(
     ------
     ModelError
         If a result is no run of that truss, or lacks ports: log its ``coordinates``, or ``task_position`` and
-        ``modal_coordinate``; ``base_force`` and ``base_torque`` are the arrows. If a section names another
+        ``modal_coordinate``; ``base_force`` and ``base_torque`` are the arrows. If a chart is of another
         signal than those logged, or the page cannot be written.
 
     Examples
@@ -113,42 +91,31 @@ def replay(
         log = [truss.task_position, truss.modal_coordinate, truss.base_force, truss.base_torque]
         replay(simulate(loop, 80.0, step=1e-3, log=log, log_step=0.02), truss, "replay.html")
     """
-    if np.shape(names) != (2,):
-        raise ModelError(f"names must be two, one per run; got {names!r}")
-    data = [opened(each) for each in (result, other) if each is not None]
-    motions = []
-    for k, each in enumerate(data):
-        named = None if k and "plant" in each.attrs else truss
-        motions.append(Motion(each, plant_of(named, each.attrs)))
-    first = motions[0]
-    goal = first.target(target)
-    for section in sections:
-        for signal in re.findall(r'data-signal="([^"]*)"', section.content):
-            if not any(unescape(signal) in motion.signals for motion in motions):
-                raise ModelError(
-                    f"section '{section.title}': no signal '{unescape(signal)}' in the run; it has: "
-                    f"{', '.join(first.signals)}"
-                )
-    ports = {name: name.rpartition(".")[2] for name in first.signals}
+    data = opened(result)
+    motion = Motion(data, plant_of(truss, data.attrs))
+    goal, ports = (
+        motion.target(target),
+        {n: n.rpartition(".")[2] for n in motion.signals},
+    )
     # Other signals follow those of SHOWN.
-    ranks = {name: (*SHOWN, port).index(port) for name, port in ports.items()}
+    usual = sorted(ports, key=lambda name: (*SHOWN, ports[name]).index(ports[name]))
+    shown = usual[:INITIAL_CHARTS] if charts is None else [*charts]
+    for name in shown:
+        if name not in ports:
+            raise ModelError(
+                f"cannot show a chart of '{name}': the run has {', '.join(ports)}"
+            )
 
     def written(room: float) -> bytes:
         """Return the page with a share `room` of the numbers of a page that compresses well."""
         head = {
-            "runs": [
-                {
-                    "name": name,
-                    "truss": scene_of(motion.truss, rods),
-                    **motion.data(room / len(data)),
-                }
-                for name, motion in zip(names, motions, strict=False)
-            ],
+            **motion.data(room),
+            "truss": scene_of(motion.truss, rods),
             "target": goal,
-            "shown": sorted(ranks, key=ranks.__getitem__)[:INITIAL_CHARTS],
-            "exaggeration": first.exaggeration(),
+            "charted": shown,
+            "exaggeration": motion.exaggeration(),
         }
-        return _text(title, head, sections).encode("utf-8")
+        return _text(title, head, sections or {}).encode("utf-8")
 
     room = 1.0
     while len(page := written(room)) > MAX_PAGE_BYTES:  # noise hardly compresses
@@ -166,33 +133,23 @@ def replay(
     return Path(path)
 
 
-def _note(runs: list[dict[str, Any]]) -> str:
-    """Return a note on the numbers of logged and shown instants."""
-    parts = [
-        f"{run['name']}: {run['logged']} logged instants, {run['shown']} of them shown"
-        for run in runs
-    ]
-    troubles = dict.fromkeys(
-        t
-        for run in runs
-        for arm in run["truss"]["arms"]
-        for t in arm["solid"]["troubles"]
+def _text(title: str, head: dict[str, Any], sections: Mapping[str, str]) -> str:
+    arms = head["truss"]["arms"]
+    troubles = dict.fromkeys(t for arm in arms for t in arm["solid"]["troubles"])
+    note = (
+        f"{head['logged']} logged instants, {head['shown']} of them shown. The numbers in charts have four digits; "
+        "the result file has all."
     )
-    drawn = f" Incomplete shapes: {'; '.join(troubles)}." if troubles else ""
-    return f"{'; '.join(parts)}. The numbers in charts have four digits; the result files have all.{drawn}"
-
-
-def _text(
-    title: str, head: dict[str, Any], sections: Sequence[Section]
-) -> str:
+    if troubles:
+        note += f" Incomplete shapes: {'; '.join(troubles)}."
     return page_text(
         "trussflow.models.viewer",
         title,
-        note=escape(_note(head["runs"])),
+        note=escape(note),
         scene=package_text("scene3d.js", "trussflow.models.viewer"),
         sections="".join(
-            f"<section><h2>{escape(s.title)}</h2>{s.content}</section>\n"
-            for s in sections
+            f"<section><h2>{escape(name)}</h2>{text}</section>\n"
+            for name, text in sections.items()
         ),
         head=compressed(script_json(head, allow_nan=False).encode()),
     )

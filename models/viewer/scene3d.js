@@ -3,10 +3,9 @@
 "use strict";
 
 const Scene3d = (() => {
-  const RODS = [["#8795a5", "#c3ced9"], ["#e0803c", "#fdba74"]]; // of either run, on light and on dark
   const THEMES = [
-    { back: "#eef2f6", grid: "#64748b", ghost: "#16a34a", link: "#dfe5ec" },
-    { back: "#0d1420", grid: "#94a3b8", ghost: "#4ade80", link: "#e8edf3" },
+    { rods: "#8795a5", back: "#eef2f6", grid: "#64748b", ghost: "#16a34a", link: "#dfe5ec" },
+    { rods: "#c3ced9", back: "#0d1420", grid: "#94a3b8", ghost: "#4ade80", link: "#e8edf3" },
   ];
   const ARROWS = [["force", "thrust", "N", "#dc2626"], ["torque", "torque", "N·m", "#a855f7"]];
   const AXES = [["x", "#dc2626"], ["y", "#16a34a"], ["z", "#2563eb"]];
@@ -105,7 +104,7 @@ const Scene3d = (() => {
     return { half, rod };
   }
 
-  const trussOf = (truss, { points }, { rod }) =>
+  const trussOf = (truss, { points }, rod) =>
     truss.rods.map(([a, b]) => [points[a], rod, points[b], rod, 1]);
 
   function armOf(arm, { chain, corners }, link) { // links have a colour of their own
@@ -205,21 +204,22 @@ const Scene3d = (() => {
     [...[1, 3, 5].map((k) => parseInt(colour.slice(k, k + 2), 16) / 255), alpha];
 
   class Scene {
-    // `runs` have a name and a truss, `states` their first state, with force and torque of the bases; `cloud`
-    // are poses that the picture shows, `longest` is the largest force and torque.
-    constructor(box, runs, states, { target, cloud = [], longest = {}, camera = "oblique" }) {
+    // The first `state` has force and torque of the bases; `cloud` are poses that the picture shows, `longest` is
+    // the largest force and torque.
+    constructor(box, truss, state, { target, cloud = [], longest = {}, camera = "oblique" }) {
       this.element = box;
       this.canvas = box.appendChild(element("canvas"));
       box.style.position = "relative";
       this.canvas.style.cssText = "position:absolute;inset:0;width:100%;height:100%;touch-action:pinch-zoom";
       this.gl = this.canvas.getContext("webgl2", { antialias: true });
       if (!this.gl) throw new Error("the browser has no WebGL 2; allow hardware or software rendering");
-      Object.assign(this, { runs, longest, states, scale: 1, followed: "nothing", hidden: new Set() });
-      this.sizes = runs.map(({ truss }) => radiiOf(truss));
-      this.goal = target && posed(runs[0].truss, target, 0);
-      this.half = this.sizes[0].half.map((a) => a + 2 * MARGIN);
-      this.poses = runs.map(({ truss }, k) => posed(truss, states[k], 1));
-      const corners = [...cloud, ...this.poses, this.goal].flatMap((pose) => (pose ? cornersOf(pose) : []));
+      Object.assign(this, { truss, longest, state, followed: "nothing", hidden: new Set() });
+      this.goal = target && posed(truss, target, 0);
+      this.pose = posed(truss, state);
+      const { half, rod } = radiiOf(truss);
+      this.rod = rod;
+      this.half = half.map((a) => a + 2 * MARGIN);
+      const corners = [...cloud, this.pose, this.goal].flatMap((pose) => (pose ? cornersOf(pose) : []));
       this.cloud = corners.filter(near);
       this.lost = this.cloud.length < corners.length;
       const extent = ([low, high], value) => [Math.min(low, value), Math.max(high, value)];
@@ -301,45 +301,35 @@ const Scene3d = (() => {
       this.draw();
     }
 
-    show(states, scale = 1) {
-      Object.assign(this, { states, scale });
-      this.poses = this.runs.map(({ truss }, k) => posed(truss, states[k], scale));
+    show(state, scale = 1) {
+      this.state = state;
+      this.pose = posed(this.truss, state, scale);
       this.draw();
     }
 
     // All parts by name: capsules, or corners and triangles; layers above 0 are transparent.
     parts() {
-      const parts = [], { ghost, link } = THEMES[+this.dark], several = this.runs.length > 1;
+      const parts = [], { rods, ghost, link } = THEMES[+this.dark], { truss, pose, goal, rod, state } = this;
       const part = (name, colour, capsules, more = {}) =>
         parts.push({ name, legend: name, colour, alpha: 1, layer: 0, capsules, faces: [], ...more });
-      this.runs.forEach(({ name, truss }, number) => {
-        const pose = this.poses[number], state = this.states[number], size = this.sizes[number];
-        const look = number ? { alpha: 0.45, layer: 3 } : {};
-        const title = several ? `truss, ${name}` : "truss";
-        part(title, RODS[number][+this.dark], trussOf(truss, pose, size), look);
-        truss.arms.forEach((arm, k) => {
-          const robot = `robot ${k + 1}`, colour = COLOURS[k % COLOURS.length], { corners } = pose.arms[k];
-          part(robot, colour, armOf(arm, pose.arms[k], link), look);
-          const pale = number ? { alpha: 0.2, layer: 3 } : { alpha: this.dark ? 0.5 : 0.32, layer: 1 };
-          const glass = arm.solid.drawn ? look : pale; // the arm lies in the box
-          part(`base ${k + 1}`, colour, [], { ...glass, legend: robot, corners, faces: arm.solid.faces });
-        });
-        for (const [key, what, unit, colour] of ARROWS) {
-          if (!this.longest[key] || !state[key]?.length) continue;
-          const each = pose.arms.map((arm, k) => {
-            const push = state[key].slice(3 * k, 3 * k + 3).map((a) => (a * LONGEST) / this.longest[key]);
-            return arrowOf(arm.centre, turned(arm.axes, push));
-          });
-          part(`${what}, at most ${quantity(this.longest[key], unit)}`, colour, each.flat(), look);
-        }
+      part("truss", rods, trussOf(truss, pose, rod));
+      if (goal) part("target", ghost, trussOf(truss, goal, rod), { alpha: this.dark ? 0.5 : 0.3, layer: 2 });
+      truss.arms.forEach((arm, k) => {
+        const legend = `robot ${k + 1}`, colour = COLOURS[k % COLOURS.length], { faces, drawn } = arm.solid;
+        part(legend, colour, armOf(arm, pose.arms[k], link));
+        const glass = drawn ? {} : { alpha: this.dark ? 0.5 : 0.32, layer: 1 }; // the arm lies in the box
+        part(`base ${k + 1}`, colour, [], { ...glass, legend, corners: pose.arms[k].corners, faces });
+        if (!goal) return;
+        const look = { alpha: this.dark ? 0.5 : 0.3, layer: 2, corners: goal.arms[k].corners, faces };
+        part(`target of ${legend}`, ghost, armOf(arm, goal.arms[k]), { ...look, legend: "target" });
       });
-      if (this.goal) {
-        const { truss } = this.runs[0], look = { alpha: this.dark ? 0.5 : 0.3, layer: 2 };
-        part("target", ghost, trussOf(truss, this.goal, this.sizes[0]), look);
-        truss.arms.forEach((arm, k) => {
-          const pose = this.goal.arms[k], mesh = { corners: pose.corners, faces: arm.solid.faces };
-          part(`target of robot ${k + 1}`, ghost, armOf(arm, pose), { ...look, ...mesh, legend: "target" });
+      for (const [key, what, unit, colour] of ARROWS) {
+        if (!this.longest[key] || !state[key]?.length) continue;
+        const each = pose.arms.map((arm, k) => {
+          const push = state[key].slice(3 * k, 3 * k + 3).map((a) => (a * LONGEST) / this.longest[key]);
+          return arrowOf(arm.centre, turned(arm.axes, push));
         });
+        part(`${what}, at most ${quantity(this.longest[key], unit)}`, colour, each.flat());
       }
       const middle = this.bounds.map(([low, high], k) => (k < 2 ? (low + high) / 2 : low - MARGIN));
       AXES.forEach(([name, colour], k) =>
@@ -362,7 +352,7 @@ const Scene3d = (() => {
     around() {
       const middle = this.bounds.map(([low, high]) => (low + high) / 2);
       if (this.followed === "nothing") return [middle, this.cloud.map((point) => sum(point, middle, -1))];
-      const { points, arms } = this.poses[0], truss = this.followed === "truss";
+      const { points, arms } = this.pose, truss = this.followed === "truss";
       const centre = mean(truss ? points : arms[Number(this.followed)].chain);
       if (near(centre)) this.seen = centre;
       const half = truss ? this.half : [CLOSE, CLOSE, CLOSE];
@@ -372,7 +362,7 @@ const Scene3d = (() => {
     // Coordinates on the screen are relative to the target of the camera: single precision suffices far away.
     upload(parts, origin) {
       const { gl } = this, mesh = { corners: [], triangles: [] }, { corners, triangles } = mesh;
-      const layers = [0, 1, 2, 3].map((layer) => {
+      const layers = [0, 1, 2].map((layer) => {
         const start = triangles.length;
         for (const part of parts) {
           if (part.layer !== layer || this.hidden.has(part.legend)) continue;
@@ -475,7 +465,7 @@ const Scene3d = (() => {
       mount(box) {
         box.style.height = "26rem";
         const options = { target: target && stateOf(ends, target), longest };
-        scene = new Scene(box, [{ name: "run", truss }], [stateOf(ends, start)], options);
+        scene = new Scene(box, truss, stateOf(ends, start), options);
         scene.followed = "truss";
       },
       update(_, signals) {
@@ -483,7 +473,7 @@ const Scene3d = (() => {
         for (const [name, values] of [["force", force], ["torque", torque]])
           for (let k = 0; k < values.length; k += 3)
             longest[name] = Math.max(longest[name], Math.hypot(...values.slice(k, k + 3)));
-        scene.show([stateOf(ends, coordinates, force, torque)]);
+        scene.show(stateOf(ends, coordinates, force, torque));
       },
       get scene() { return scene; },
     };

@@ -59,7 +59,7 @@ def loop(middle):
 @contextmanager
 def served(diagram, **settings):
     """Serve a diagram in a thread."""
-    with server_of(diagram, step=0.01, **settings) as server:
+    with server_of(diagram, **{"step": 0.01, "duration": 0.5} | settings) as server:
         thread = threading.Thread(target=server.serve_forever, args=(0.01,))
         thread.start()
         try:
@@ -80,9 +80,9 @@ def ask(server, method, place, body=b"", host=None, token=None):
         yield answer
 
 
-def run(server, p, duration, name="run"):
+def run(server, p, name="run"):
     """Return the rows and the message of a run."""
-    place = f"run/{name}/{duration}"
+    place = f"run/{name}"
     sent = np.asarray(p, dtype="<f8").tobytes()
     with ask(server, "POST", place, sent) as answer:
         parts = [json.loads(line) for line in answer]
@@ -97,16 +97,16 @@ def test_a_served_diagram_is_traced_once(monkeypatch):
     )
     with served(loop(Gain(3.0))) as server:
         assert [server.prepared.plan] == plans
-        assert run(server, plans[0].parameters(None), 0.1)[1] == ""
+        assert run(server, plans[0].parameters(None))[1] == ""
 
 
 @pytest.mark.parametrize("middle", [Gain(3.0), Counted().sampled(0.01)])
 def test_rows_are_those_of_a_simulation(middle):
     diagram = loop(middle)
     expected = simulate(diagram, 1.0, step=0.01, log={"y": diagram.ports["y"]})
-    with served(diagram) as server:
+    with served(diagram, duration=1.0) as server:
         p = server.prepared.plan.parameters(None)
-        rows, fault = run(server, p, 1.0)
+        rows, fault = run(server, p)
     assert fault == ""
     assert_array_equal(rows[:, 0], expected["time"])
     assert_array_equal(rows[:, 1], expected["y"])
@@ -117,7 +117,7 @@ def test_two_pages_have_runs_of_their_own():
         plan = server.prepared.plan
         found = {
             gain: pool.submit(
-                run, server, plan.parameters({"block.gain": gain}), 0.5, f"page{gain}"
+                run, server, plan.parameters({"block.gain": gain}), f"page{gain}"
             )
             for gain in (1.0, 5.0)
         }
@@ -127,7 +127,7 @@ def test_two_pages_have_runs_of_their_own():
 
 
 def test_a_paced_run_takes_new_values_while_it_goes_on():
-    with served(loop(Gain(0.0)), pace=1.0) as server:
+    with served(loop(Gain(0.0)), pace=1.0, duration=0.6) as server:
         plan = server.prepared.plan
         values = plan.parameters({"block.gain": 3.0}).tobytes()
 
@@ -137,7 +137,7 @@ def test_a_paced_run_takes_new_values_while_it_goes_on():
 
         threading.Timer(0.2, tune).start()
         begin = time.perf_counter()
-        rows, _ = run(server, plan.parameters(None), 0.6)
+        rows, _ = run(server, plan.parameters(None))
         assert time.perf_counter() - begin >= 0.6
     still = np.flatnonzero(rows[:, 1] > 0.0)[0] - 1
     time_since = rows[still:, 0] - rows[still, 0]
@@ -147,9 +147,10 @@ def test_a_paced_run_takes_new_values_while_it_goes_on():
 
 @pytest.mark.parametrize("pace", [None, 1.0])
 def test_a_closed_page_ends_its_run(pace, capsys):
-    with served(loop(Counted().sampled(0.01)), pace=pace) as server:
+    diagram = loop(Counted().sampled(0.01))
+    with served(diagram, pace=pace, duration=9000.0) as server:
         p = server.prepared.plan.parameters(None)
-        with ask(server, "POST", "run/a/9000", p.tobytes()) as answer:
+        with ask(server, "POST", "run/a", p.tobytes()) as answer:
             answer.readline()
         before = -1
         while CALLS[-1] != before:
@@ -183,17 +184,13 @@ def test_only_the_address_with_the_token_is_answered(change, status):
     [
         ({"p": [1.0]}, "does not send 3 parameters"),
         ({"p": [np.nan] * 3}, "finite"),
-        ({"duration": -1.0}, "choose a duration"),
-        ({"duration": np.nan}, "choose a duration"),
-        ({"duration": np.inf}, "choose a duration"),
-        ({"duration": "long"}, "could not convert"),
         ({"name": "a/b"}, "positional arguments"),
     ],
 )
 def test_a_wrong_run_gets_a_message(change, message):
     with served(loop(Gain(3.0))) as server:
         p = server.prepared.plan.parameters(None)
-        rows, fault = run(server, **({"p": p, "duration": 1.0} | change))
+        rows, fault = run(server, **({"p": p} | change))
     assert rows.size == 0
     assert message in fault
 
@@ -201,7 +198,7 @@ def test_a_wrong_run_gets_a_message(change, message):
 @pytest.mark.parametrize("length", ["-1", "junk", "99999999999"])
 def test_a_wrong_length_gets_a_message_without_a_traceback(length, capsys):
     with served(loop(Gain(3.0))) as server:
-        head = f"POST /{server.token}/run/a/1 HTTP/1.0\r\nHost: 127.0.0.1:{server.server_port}\r\n"
+        head = f"POST /{server.token}/run/a HTTP/1.0\r\nHost: 127.0.0.1:{server.server_port}\r\n"
         place = "127.0.0.1", server.server_port
         with socket.create_connection(place, timeout=60) as client:
             client.sendall(f"{head}Content-Length: {length}\r\n\r\n".encode())
@@ -218,7 +215,7 @@ def test_broken_and_strange_requests_print_no_traceback(capsys):
                 client.setsockopt(
                     socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0)
                 )
-        run(server, server.prepared.plan.parameters(None), 0.1)
+        run(server, server.prepared.plan.parameters(None))
     assert not capsys.readouterr().err
 
 
@@ -245,11 +242,6 @@ def test_a_served_page_follows_a_slider_during_a_paced_run(window):
         window.wait("trussflowLive.run.time.length > 50")
         place = window.rows()[1][:, 0]
         assert_near(place, 2 - 2 * 0.98 ** np.arange(len(place)), 1e-9)
-        # Another duration begins another run.
-        window.page.locator("#duration").fill("0.5")
-        window.page.locator("#duration").dispatch_event("change")
-        window.wait("trussflowLive.run.progress === undefined")
-        assert window.rows()[0][-1] == 0.5
     assert all(url.startswith((server.address, "blob:")) for url in window.requests)
     assert not window.complaints
 

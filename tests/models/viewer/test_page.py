@@ -10,23 +10,23 @@ from dataclasses import replace
 import campaign
 import numpy as np
 import pytest
+from browsing import unpacked
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import ConvexHull
 from systems import assert_near
 
 from trussflow.blocks.results.dataset import save
+from trussflow.blocks.support.packing import packed
 from trussflow.models import ModelError, SpaceTruss
 from trussflow.models.robots.urdf_reading import Pose
 from trussflow.models.robots.visuals import Visual
-from trussflow.models.viewer import Section, movie, page, replay, still
+from trussflow.models.viewer import movie, page, replay, still
 from trussflow.models.viewer.__main__ import main
 from trussflow.models.viewer.motion import FRAME_TIME
-from trussflow.models.viewer.packing import Packer
 from trussflow.models.viewer.solids import MAX_TRIANGLES
 
 LARGEST = 4e6  # bytes of a page
 SCRIPT_BYTES = 1e5  # bytes of the scripts in it, about
-CHART = '<div data-signal="{}"></div>'
 SEEDS = range(1, 3 * campaign.SIZE)
 
 
@@ -43,17 +43,8 @@ class Content:
                 re.DOTALL,
             )
         )
-        self.head = json.loads(parts["head"])
-        self._blob = zlib.decompress(base64.b64decode(parts["blob"]))
-
-        self.run, *_ = self.head["runs"]
-
-    def array(self, at):
-        count, width = int(np.prod(at["shape"])), at["width"]
-        raw = np.frombuffer(self._blob, np.uint8, count * width, at["offset"]).reshape(
-            width, count
-        )
-        return np.ascontiguousarray(raw.T).view(f"<f{width}").reshape(at["shape"])
+        head = zlib.decompress(base64.b64decode(parts["head"]))
+        self.head = json.loads(head, object_hook=unpacked)
 
 
 @pytest.fixture
@@ -66,31 +57,28 @@ def content(tmp_path):
 
 def test_page_carries_what_was_logged(page_file, run):
     content = Content(page_file)
-    shown = content.run
+    shown = content.head
     q = run["truss.coordinates"].values.T
-    assert_array_equal(content.array(shown["time"])[0], run["time"])
-    assert_allclose(content.array(shown["coordinates"]), q, rtol=2.0**-33)
+    assert_array_equal(shown["time"], run["time"])
+    assert_allclose(shown["coordinates"], q, rtol=2.0**-33)
     (force,) = (
         signal for signal in shown["signals"] if signal["name"] == "truss.base_force"
     )
     expected = run["truss.base_force"].values.reshape(len(run["time"]), -1).T
-    assert_allclose(content.array(force["values"]), expected, rtol=1e-4)
+    assert_allclose(force["values"], expected, rtol=1e-4)
     assert (force["units"], force["inner"], force["components"][4]) == (
         "N",
         3,
         "robot 2 y",
     )
-    assert content.head["shown"] == [
+    assert shown["charted"] == [
         "law.error",
         "truss.base_force",
         "truss.base_torque",
         "truss.energy",
     ]
     assert content.head["target"] == run.attrs["target"].tolist()
-    assert (
-        "run: 401 logged instants, 401 of them in the picture, 401 in the charts"
-        in content.text
-    )
+    assert "401 logged instants, 401 of them shown" in content.text
 
 
 def test_no_signal_is_taken_for_the_target(truss, run, content):
@@ -110,20 +98,18 @@ def test_a_quaternion_is_carried_as_it_is(make_run, content):
     q = run["truss.coordinates"].values
     q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1)[:, None]
     found = content(run, truss)
-    assert_allclose(found.array(found.run["coordinates"]), q.T, rtol=2.0**-33)
-    assert found.run["ends"] == [7, truss.rigid_q]
+    assert_allclose(found.head["coordinates"], q.T, rtol=2.0**-33)
+    assert found.head["ends"] == [7, truss.rigid_q]
     assert found.head["target"] == goal.tolist()
 
 
 def test_kept_bits_round_to_the_nearest(rng):
     values = rng.standard_normal((3, 1000)) * 10.0 ** rng.uniform(-30, 30, (3, 1000))
-    content = Content.__new__(Content)
-    for width, bits, error in ((4, 52, 2.0**-24), (4, 13, 2.0**-14), (8, 52, 0.0)):
-        packer = Packer()
-        packer.pack([[1.0]])  # what lies before
-        at = packer.pack(values, width=width, bits=bits)
-        content._blob = zlib.decompress(base64.b64decode(packer.blob()))
-        assert_allclose(content.array(at), values, rtol=error * 1.001)
+    values[0, :4] = np.nan, np.inf, -0.0, 1e-300
+    for bits, error in ((24, 2.0**-24), (14, 2.0**-14), (53, 0.0)):
+        at = json.loads(json.dumps(packed(values, bits)), object_hook=unpacked)
+        assert_allclose(at, values, rtol=error * 1.001)
+    assert_array_equal(np.signbit(at), np.signbit(values))
 
 
 def test_joints_that_wind_up_stay_where_they_were(truss, run, content):
@@ -131,7 +117,7 @@ def test_joints_that_wind_up_stay_where_they_were(truss, run, content):
     values = run["truss.coordinates"].values.copy()
     values[:, 6 : truss.rigid] *= 1e4
     found = content(run.assign({"truss.coordinates": (("time", "c"), values)}), truss)
-    joints = found.array(found.run["coordinates"])[6 : truss.rigid]
+    joints = found.head["coordinates"][6 : truss.rigid]
     assert_near(joints, values.T[6 : truss.rigid], 2e-7)
 
 
@@ -149,9 +135,9 @@ def test_whatever_was_simulated_the_page_fits(
     noise = rng.standard_normal((len(run["time"]), rng.integers(1, 60)))
     run = run.assign(noise=(("time", "k"), noise))
     rods = np.argwhere(rng.random((len(truss.dynamics.modes.masses),) * 2) < 0.5)
-    found = content(run, truss, rods=rods, sections=[Section("Text", "x" * 20_000)])
+    found = content(run, truss, rods=rods, sections={"Text": "x" * 20_000})
     assert found.size <= largest
-    time = found.array(found.run["time"])[0]
+    time = found.head["time"]
     assert len(time) >= 2
     assert (time[0], time[-1]) == (run["time"][0], run["time"][-1])
     assert found.size > 0.6 * largest or len(time) > run["time"][-1] / FRAME_TIME
@@ -187,12 +173,9 @@ def test_fine_meshes_become_coarser_until_they_fit(truss, make_run, content, tmp
     plant = SpaceTruss(replace(truss.dynamics, arms=arms))
     found = content(make_run(plant, duration=1.0), plant)
     assert found.size < 0.4 * LARGEST
-    for arm in found.run["truss"]["arms"]:
+    for arm in found.head["truss"]["arms"]:
         solid = arm["solid"]
-        points, faces = (
-            found.array(solid["points"]),
-            found.array(solid["faces"]).T.astype(int),
-        )
+        points, faces = solid["points"], np.transpose(solid["faces"])
         assert 1000 < len(faces) <= MAX_TRIANGLES // 4
         assert_near(np.linalg.norm(points, axis=1), 1.0, 1e-5)
         a, b, c = np.moveaxis(points[faces], 1, 0)
@@ -212,30 +195,24 @@ def test_dense_logs_are_thinned_to_instants_that_were_logged(
     """Short runs are shown as they were logged."""
     run = make_run(truss, duration=duration, step=0.001)
     found = content(run, truss)
-    time = found.array(found.run["time"])[0]
+    time = found.head["time"]
     assert len(time) == shown
     assert np.isin(time, run["time"]).all()
 
 
-@pytest.mark.parametrize("others", [0, 1])
-def test_long_runs_with_all_signals_fit(truss, make_run, content, others, rng):
-    """80 s at 50 instants a second, 350 signals; of two such runs charts show fewer instants."""
+def test_long_runs_with_all_signals_fit(truss, make_run, content, rng):
+    """80 s at 50 instants a second, 350 signals."""
     run = make_run(truss, duration=80.0)
     for k in range(8):
         run[f"more_{k}"] = (
             ("time", "task"),
             np.cumsum(rng.standard_normal((len(run["time"]), 34)), axis=0),
         )
-    found = content(run, truss, other=run if others else None)
+    found = content(run, truss)
     assert found.size < LARGEST
-    for shown in found.head["runs"]:
-        time = found.array(shown["time"])[0]
-        assert (time[0], time[-1]) == (0.0, 80.0)
-        assert np.diff(time).max() < 1.01 * FRAME_TIME
-        assert (
-            np.diff(found.array(shown["signalTime"])[0]).max()
-            < (5.1 if others else 2.1) * FRAME_TIME
-        )
+    time = found.head["time"]
+    assert (time[0], time[-1]) == (0.0, 80.0)
+    assert np.diff(time).max() < 2.1 * FRAME_TIME
 
 
 def half_written(run, folder):
@@ -295,8 +272,6 @@ def test_what_is_no_run_of_the_truss_is_one_clear_error(
 ):
     with pytest.raises(ModelError, match=message):
         replay(spoil(run, tmp_path), truss, tmp_path / "page.html")
-    with pytest.raises(ModelError, match=message):
-        replay(run, truss, tmp_path / "page.html", other=spoil(run, tmp_path))
     assert not (tmp_path / "page.html").exists()
 
 
@@ -307,13 +282,7 @@ def test_what_is_no_run_of_the_truss_is_one_clear_error(
         ("other", {}, "the plant is 'other', not one of published"),
         ("published", {"target": [1.0]}, "target has shape"),
         ("published", {"target": "north"}, "target"),
-        ("published", {"names": ["one"]}, "names must be two, one per run"),
-        ("published", {"names": None}, "names must be two, one per run; got None"),
-        (
-            "published",
-            {"sections": [Section("B", CHART.format("c"))]},
-            r"'B': no signal 'c' in the run; it has: truss\.",
-        ),
+        ("published", {"charts": ["c"]}, r"chart of 'c': the run has truss\."),
     ],
 )
 def test_options_that_make_no_sense(run, content, named, options, message):
@@ -324,17 +293,12 @@ def test_options_that_make_no_sense(run, content, named, options, message):
 def test_a_result_names_its_truss(run, content, tmp_path):
     with pytest.raises(ModelError, match="cannot write the page"):
         replay(run, "published", tmp_path / "no" / "page.html")
-    assert content(run.assign_attrs(plant="published"), None).run
+    assert content(run.assign_attrs(plant="published"), None).head
     with pytest.raises(
         ModelError,
         match=r"the plant is 'frame', not one of published, .* open the index.html that",
     ):
         content(run.assign_attrs(plant="frame"), None)
-
-
-def test_charts_of_sections_are_of_signals_logged(truss, run, content):
-    section = Section("A", CHART.format("a&amp;b"))
-    assert content(run.rename({"law.error": "a&b"}), truss, sections=[section]).run
 
 
 def test_a_truss_of_other_points_needs_its_rods(random_system, make_run, content):
@@ -347,17 +311,15 @@ def test_a_truss_of_other_points_needs_its_rods(random_system, make_run, content
     for rods in ([[0, 15]], [0, 1], [[0.5, 1]], [[0, 1], [2]], "all"):
         with pytest.raises(ModelError, match="pairs of its 15 points, counted from 0"):
             content(run, truss, rods=rods)
-    assert content(run, truss, rods=[[0, 14]]).run
+    assert content(run, truss, rods=[[0, 14]]).head
 
 
 def test_text_of_the_user_cannot_end_the_script(run, truss, content):
     odd = run.rename({"truss.energy": "</script><b>"})
-    found = content(
-        odd, truss, title="<i>$x & co", sections=[Section("<u>", "<p>$5</p>")]
-    )
+    found = content(odd, truss, title="<i>$x & co", sections={"<u>": "<p>$5</p>"})
     assert "<title>&lt;i&gt;$x &amp; co</title>" in found.text
     assert "<h2>&lt;u&gt;</h2><p>$5</p>" in found.text
-    assert "</script><b>" in [signal["name"] for signal in found.run["signals"]]
+    assert "</script><b>" in [signal["name"] for signal in found.head["signals"]]
 
 
 def test_command_line(run, tmp_path, capsys):
@@ -366,10 +328,6 @@ def test_command_line(run, tmp_path, capsys):
     assert f"open {page}" in capsys.readouterr().out
     assert main([str(tmp_path / "none.nc"), "--output", str(page)]) == 2
     assert capsys.readouterr().err.startswith("error: cannot show")
-    words = ["--truss", "consistent", "--names", "a", "b", "--output", str(page)]
-    assert main([str(file), str(file), *words]) == 0
-    assert [each["name"] for each in Content(page).head["runs"]] == ["a", "b"]
-    capsys.readouterr()
     assert (
         main([str(file), "--truss", "consistent", "--output", str(page), "--json"]) == 0
     )
