@@ -272,11 +272,14 @@ def scene_of(diagram: Diagram) -> Scene:
         scene.edges.append(box)
         pins[port.path] = box.pin(int(port.is_input), box.height / 2)
         scene.pins.append((Row(port, port.path, brief(name)), pins[port.path]))
-        for end in inside:
-            links.append((port, end.path) if port.is_input else (end, port.path))
-    for wire in diagram.wires:
-        if (source := wire.source) is not None:
-            links.append((source.block.ports[source.name], id(wire)))
+        links += [
+            (port, end.path) if port.is_input else (end, port.path) for end in inside
+        ]
+    links += [
+        (wire.source.block.ports[wire.source.name], id(wire))
+        for wire in diagram.wires
+        if wire.source is not None
+    ]
     # One net per source, so that wires from one output share a stem.
     nets: dict[str, tuple[Net, Port]] = {}
     for port, key in links:

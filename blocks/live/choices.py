@@ -48,9 +48,6 @@ MIN_STEPS = 1000
 GAIN_NAMES = re.compile("gain|^k[pid]?$|stiffness|damping|bandwidth")
 """Names of parameters that come first."""
 
-SETUP_NAMES = re.compile("^initial|^first|^seed$|^filter|^back")
-"""Names of parameters that come last."""
-
 Ends = tuple[float, float]
 
 
@@ -127,12 +124,8 @@ def _usual(plan: Plan, p: Vector) -> list[str]:
         and (abs(p[e.start : e.stop]) < MAX_CONTROL_VALUE).all()
     ]
     top = [e for e in inside if "." not in e.path] or inside
-    ranks = {
-        e: bool(SETUP_NAMES.search(e.name)) - bool(GAIN_NAMES.search(e.name))
-        for e in top
-    }
     found, size = [], 0
-    for e in sorted(top, key=ranks.__getitem__):
+    for e in sorted(top, key=lambda e: not GAIN_NAMES.search(e.name)):
         size += e.stop - e.start
         if size <= MAX_CONTROLS and e.stop > e.start:
             found.append(f"{e.path}.{e.name}")
@@ -248,11 +241,9 @@ def usual_step(
     """
     (rate,) = plan.trace([derivative()])
     matrix = rate.jacobian(1)(0.0, x, d, p).full()
-    limit = duration / MIN_STEPS
-    if x.size and np.isfinite(matrix).all():
-        fastest = np.abs(np.linalg.eigvals(matrix)).max()
-        if fastest > 0.0:
-            limit = min(limit, Fraction(1.0 / (STEPS_PER_RADIAN * fastest)))
+    rates = np.linalg.eigvals(matrix) if np.isfinite(matrix).all() else np.zeros(0)
+    fastest = np.abs(rates).max(initial=1e-300)
+    limit = min(duration / MIN_STEPS, Fraction(1.0 / (STEPS_PER_RADIAN * fastest)))
     if clocks := plan.system.clocks:
         tick = common_tick([t for c in clocks for t in (c.period, c.offset)])
         return tick / max(1, ceil(tick / limit))

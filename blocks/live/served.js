@@ -36,9 +36,8 @@ class Engine {
         const lines = (rest + part.value).split("\n");
         rest = lines.pop();
         for (const line of lines) {
-          const { rows: packed, fault } = JSON.parse(line);
-          for (const value of doubles(packed)) values.push(value);
-          if (fault !== undefined) return { ...result(), fault };
+          if (line[0] === "{") return { ...result(), ...JSON.parse(line) };
+          values.push(...doubles(line));
         }
         const share = (values.length / width / steps) * every;
         if (share && (await pause(share, result))) return abort.abort();

@@ -7,7 +7,6 @@ import contextlib
 import json
 import secrets
 import sys
-import time
 import webbrowser
 from collections.abc import Iterator, Sequence
 from http import HTTPStatus
@@ -20,9 +19,6 @@ from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.support.types import Vector
-
-FLUSH_SECONDS = 0.05
-"""Wall time between two parts of an answer [s]."""
 
 
 class LiveServer(ThreadingHTTPServer):
@@ -135,23 +131,20 @@ class _Handler(BaseHTTPRequestHandler):
     def do_POST(self) -> None:
         """Send the rows of a run, or change the parameters of one that is running.
 
-        The answer has a line of JSON for each part of the rows, and one with a message, empty if all is well.
+        The answer has a line in base64 for each row, and one of JSON with a message, empty if all is well.
         """
         if (place := self._place("run", "tune")) is None:
             return
         self._begin("application/x-ndjson")
-        fault, part, sent = "", list[Vector](), time.perf_counter()
+        fault = ""
         try:
             action = getattr(self.server, place[0])
             for row in action(self._parameters(), *place[1:]):
-                part.append(row)
-                if time.perf_counter() - sent > FLUSH_SECONDS:
-                    self._send(part)
-                    part, sent = [], time.perf_counter()
+                self.wfile.write(base64.b64encode(row.astype("<f8").tobytes()) + b"\n")
         # If the connection is broken, sending the message fails again.
         except Exception as error:  # noqa: BLE001 - the page shows it
             fault = str(error) or type(error).__name__
-        self._send(part, fault=fault)
+        self.wfile.write(json.dumps({"fault": fault}).encode() + b"\n")
 
     def _place(self, *known: str) -> list[str] | None:
         """Return the parts of the address after the token; send an error if the first one is not known.
@@ -186,10 +179,3 @@ class _Handler(BaseHTTPRequestHandler):
                 f"the page does not send {number} parameters; load it again"
             )
         return np.frombuffer(self.rfile.read(8 * number), dtype="<f8").astype(float)
-
-    def _send(self, rows: list[Vector], **last: str) -> None:
-        """Send rows as a line of JSON; the `last` one has a message."""
-        packed = np.array(rows, dtype="<f8").tobytes()
-        line = {"rows": base64.b64encode(packed).decode(), **last}
-        self.wfile.write(json.dumps(line).encode() + b"\n")
-        self.wfile.flush()

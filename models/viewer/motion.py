@@ -163,14 +163,11 @@ class Motion:
         )
 
     def exaggeration(self) -> int:
-        """Return the scale of the largest grasp displacement to `SHOWN_DISPLACEMENT`, at most 500 [-]."""
+        """Return the scale of the largest grasp displacement to `SHOWN_DISPLACEMENT`, 1 to 500 [-]."""
         modes = self.coordinates[self.truss.rigid_q :]
-        with np.errstate(over="ignore", invalid="ignore"):  # of diverged runs
-            moved = np.einsum(
-                "kih,ht->kit", self.truss.dynamics.modes.grasp_translations, modes
-            )
-            peak = np.sqrt(np.max(np.sum(moved**2, axis=1), initial=0.0))
-        return int(np.clip(SHOWN_DISPLACEMENT / peak, 1, 500)) if peak > 0.0 else 1
+        moved = np.tensordot(self.truss.dynamics.modes.grasp_translations, modes, 1)
+        peak = np.abs(moved).max(initial=SHOWN_DISPLACEMENT / 500.0)
+        return max(1, int(SHOWN_DISPLACEMENT / peak))
 
     def data(self, share: float) -> dict[str, Any]:
         """Return the data of the page, with a `share` of the numbers per page [-]."""
