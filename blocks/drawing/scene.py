@@ -20,7 +20,7 @@ from trussflow.blocks.framework.arithmetic import Operation, Sum
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
-from trussflow.blocks.framework.symbol import Symbol, wrapped
+from trussflow.blocks.framework.symbol import Symbol
 from trussflow.blocks.support.validation import shown
 
 LETTER_WIDTH = 6.7
@@ -141,6 +141,12 @@ def breadth(text: str) -> float:
     )
 
 
+def every(block: Block) -> str:
+    """Return the text of the sample time of a sampled `block`."""
+    offset = f" from {block.sample_offset:g} s" if block.sample_offset else ""
+    return f"every {block.sample_time:g} s{offset}"
+
+
 def part_of(port: Port) -> str:
     """Return the index of a slice as text; it is empty for the whole `port`."""
     whole = port.index is None or port.elements().size == port.size
@@ -197,15 +203,14 @@ def shown_rows(
 
 def figure_of(block: Block, symbol: Symbol, sides: list[list[Row]]) -> Figure:
     """Return the figure of a `block` with this `symbol` and these rows on both `sides`, without pins."""
-    drawn = {row.port.name for side in sides for row in side}
-    unused = [name for name in block.ports if name not in drawn]
     wide = max(map(breadth, symbol.text.split("\n"))) > MAX_INNER_WIDTH
     if min(map(len, sides)) > 1 or (wide and max(map(len, sides)) > 1):
         # Between the names of ports, the text would make the block too wide.
         caption = f"{symbol.text}\n{symbol.caption}"
         symbol = replace(symbol, text="", caption=caption)
     captions = list(filter(None, symbol.caption.split("\n")))
-    captions += wrapped(f"unused: {', '.join(unused)}") if unused else []
+    if block.sample_time is not None:
+        captions.append(every(block))
     # Port arithmetic makes names such as multiply_1.
     is_made = isinstance(block, Sum | Operation) and re.search(r"_\d+$", block.name)
     name = "" if is_made else brief(block.name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from html import escape
 from itertools import pairwise
 
@@ -17,17 +17,13 @@ from trussflow.blocks.drawing.scene import (
     Row,
     Scene,
     breadth,
+    every,
     scene_of,
 )
-from trussflow.blocks.framework.block import Block
-from trussflow.blocks.framework.clock import Clock
-from trussflow.blocks.framework.diagram import Diagram, leaves
+from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.symbol import Symbol
 from trussflow.blocks.support.texts import package_text
-
-RATE_COLOURS = 6
-"""Number of colours of rates in the style sheet; more rates reuse them."""
 
 ARROWHEAD = (
     '<marker id="tf-tip" orient="auto" markerUnits="userSpaceOnUse" markerWidth="7" '
@@ -43,47 +39,18 @@ def svg_of(diagram: Diagram) -> str:
     """Return the picture of a `diagram`: each nested diagram is one block."""
     scene = scene_of(diagram)
     style = package_text("picture.css", "trussflow.blocks.drawing")
-    rates = {
-        clock: f"rate{i % RATE_COLOURS}"
-        for i, clock in enumerate(sorted(clocks_of(diagram)))
-    }
-
-    def colour(block: Block) -> str:
-        own = clocks_of(block)
-        return rates[own.pop()] if len(own) == 1 else ""
-
-    keys, x, y = "", float(PICTURE_MARGIN), scene.height + PICTURE_MARGIN + 16
-    for clock, kind in rates.items():
-        text = every(float(clock.period), float(clock.offset))
-        keys += f'<rect class="box {kind}" x="{x:g}" width="12" height="12"/>'
-        keys += f'<text class="faint" x="{x + 17:g}" y="10">{text}</text>'
-        x += breadth(text) + 34
-    width, height = (
-        max(scene.width + 2 * PICTURE_MARGIN, x),
-        y + PICTURE_MARGIN * (2 if keys else 0) - 4,
-    )
+    width, height = scene.width + 2 * PICTURE_MARGIN, scene.height + 2 * PICTURE_MARGIN
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" class="tf" width="{width:g}" height="{height:g}" '
         f'viewBox="0 0 {width:g} {height:g}"><title>{escape(diagram.name)}</title><style>{style}</style>{ARROWHEAD}'
         f'<rect class="paper" width="{width:g}" height="{height:g}"/>'
         f'<g transform="translate({PICTURE_MARGIN},{PICTURE_MARGIN})">'
-        f"{''.join(view(scene, colour))}</g>"
-        f'<g transform="translate(0,{y:g})">{keys}</g></svg>\n'
+        f"{''.join(view(scene))}</g></svg>\n"
     )
 
 
-def every(period: float, offset: float) -> str:
-    """Return the text of a clock with this `period` and `offset` [s]."""
-    return f"every {period:g} s from {offset:g} s" if offset else f"every {period:g} s"
-
-
-def clocks_of(block: Block) -> set[Clock]:
-    """Return the clock of a `block`, or the clocks of all blocks in a diagram."""
-    return {Clock.of(leaf) for leaf in leaves(block) if leaf.sample_time is not None}
-
-
-def view(scene: Scene, colour: Callable[[Block], str]) -> Iterator[str]:
-    """Yield the SVG elements of a `scene`; `colour` returns the class of a block in the style sheet."""
+def view(scene: Scene) -> Iterator[str]:
+    """Yield the SVG elements of a `scene`."""
     for net, source in scene.wires:
         lines = ["M" + "L".join(f"{x:g} {y:g}" for x, y in p) for p in net.paths]
         # Lines of no length with round ends are dots.
@@ -96,10 +63,12 @@ def view(scene: Scene, colour: Callable[[Block], str]) -> Iterator[str]:
         yield "</g>"
     texts = {pin: row for row, pin in scene.pins}
     for figure in scene.figures:
-        box = figure.box
-        yield f'<g class="block" data-path="{escape(figure.block.path)}" '
-        yield f'transform="translate({box.x:g},{box.y:g})"><title>{escape(figure.block._described().head)}</title>'
-        yield from outlined(figure, f"box {colour(figure.block)}")
+        box, block = figure.box, figure.block
+        yield f'<g class="block" data-path="{escape(block.path)}" '
+        yield f'transform="translate({box.x:g},{box.y:g})"><title>{escape(block._described().head)}</title>'
+        yield from outlined(
+            figure, "box" if block.sample_time is None else "box sampled"
+        )
         yield from inscribed(figure)
         for pin in (*box.sides[0], *box.sides[1]):
             yield from labelled(texts[pin], pin, box)
@@ -190,7 +159,7 @@ def title(port: Port) -> str:
     facts = [f"{port.path}{port.summary.removeprefix(port.name)}"]
     facts.append(port.declaration.meaning)
     if block.sample_time is not None:
-        facts.append(every(block.sample_time, block.sample_offset))
+        facts.append(every(block))
     return f"<title>{escape(chr(10).join(filter(None, facts)))}</title>"
 
 

@@ -13,6 +13,8 @@ from trussflow.models.validation import check_number
 from trussflow.models.viewer.still import browsed
 
 FRAME_RATE = 15.0  # 1/s
+GIF_COLOURS = 128
+"""Number of colours of an animated GIF [-]."""
 WINDOW = 1200, 700
 """Size of the window of the browser; the frames have their own [pixel]."""
 FRAME = re.compile(r"data:image/png;base64,([A-Za-z0-9+/=]+)")
@@ -82,7 +84,11 @@ def _animated(frames: list[bytes]) -> bytes:
     """Return frames as an animated GIF."""
     from PIL import Image
 
-    first, *others = [Image.open(io.BytesIO(frame)).convert("RGB") for frame in frames]
+    # A median cut, the default, would mix the colours of robots.
+    first, *others = [
+        Image.open(io.BytesIO(frame)).quantize(GIF_COLOURS, Image.Quantize.FASTOCTREE)
+        for frame in frames
+    ]
     raw, pause = io.BytesIO(), round(1000.0 / FRAME_RATE)
     first.save(raw, "gif", save_all=True, append_images=others, duration=pause, loop=0)
     return raw.getvalue()

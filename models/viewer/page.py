@@ -20,18 +20,8 @@ from trussflow.models.viewer.scene import plant_of, scene_of
 if TYPE_CHECKING:
     import xarray as xr
 
-SHOWN = (
-    "position",
-    "task_position",
-    "position_error",
-    "error",
-    "base_force",
-    "modal_coordinate",
-    "base_torque",
-    "energy",
-)
-"""Signals of the initial charts, if logged."""
 INITIAL_CHARTS = 4
+"""Number of charts that are not chosen [-]."""
 MAX_PAGE_BYTES = 4_000_000
 """Largest size of a page [byte]."""
 NO_ROOM = 1e-9
@@ -68,7 +58,7 @@ def replay(
     title : str
         Title of the page.
     charts : sequence of str, optional
-        Signals of the first charts; by default up to four. The reader may choose others.
+        Signals of the first charts; by default the first four. The reader may choose others.
     sections : mapping of str to str, optional
         Further sections below the picture: HTML texts by title.
 
@@ -93,24 +83,23 @@ def replay(
     """
     data = opened(result)
     motion = Motion(data, plant_of(truss, data.attrs))
-    goal, ports = (
+    goal, names, geometry = (
         motion.target(target),
-        {n: n.rpartition(".")[2] for n in motion.signals},
+        [*motion.signals],
+        scene_of(motion.truss, rods),
     )
-    # Other signals follow those of SHOWN.
-    usual = sorted(ports, key=lambda name: (*SHOWN, ports[name]).index(ports[name]))
-    shown = usual[:INITIAL_CHARTS] if charts is None else [*charts]
+    shown = names[:INITIAL_CHARTS] if charts is None else [*charts]
     for name in shown:
-        if name not in ports:
+        if name not in names:
             raise ModelError(
-                f"cannot show a chart of '{name}': the run has {', '.join(ports)}"
+                f"cannot show a chart of '{name}': the run has {', '.join(names)}"
             )
 
     def written(room: float) -> bytes:
         """Return the page with a share `room` of the numbers of a page that compresses well."""
         head = {
             **motion.data(room),
-            "truss": scene_of(motion.truss, rods),
+            "truss": geometry,
             "target": goal,
             "charted": shown,
             "exaggeration": motion.exaggeration(),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -70,7 +69,6 @@ def scene_of(truss: SpaceTruss, rods: npt.ArrayLike | None) -> dict[str, Any]:
         If rods are required but not given, or are not pairs of point masses.
     """
     modes, arms = truss.dynamics.modes, truss.dynamics.arms
-    solids = _solids(arms)
     try:
         joined = frame_rods(modes) if rods is None else number_array("rods", rods)
     except ParameterError:
@@ -88,8 +86,8 @@ def scene_of(truss: SpaceTruss, rods: npt.ArrayLike | None) -> dict[str, Any]:
         "shapes": packed(modes.shapes.reshape(len(modes.masses), -1)),
         "rods": joined.astype(int).tolist(),
         "arms": [
-            _arm(modes, i, arm, solid)
-            for i, (arm, solid) in enumerate(zip(arms, solids, strict=True))
+            _arm(modes, i, arm, MAX_TRIANGLES // len(arms))
+            for i, arm in enumerate(arms)
         ],
     }
 
@@ -110,8 +108,9 @@ def frame_rods(modes: TrussModes) -> npt.NDArray[np.int_]:
 
 
 def _arm(
-    modes: TrussModes, grasp: int, arm: RobotArm, solid: dict[str, Any]
+    modes: TrussModes, grasp: int, arm: RobotArm, triangles: int
 ) -> dict[str, Any]:
+    """Return the geometry of an arm of at most so many `triangles` at the `grasp` [-]."""
     flat = {
         "grasp": modes.grasp_positions[grasp],
         "translation": modes.grasp_translations[grasp],
@@ -126,24 +125,12 @@ def _arm(
     found["origins"] = arm.joint_origins.tolist()
     found["sliding"] = list(arm.sliding)
     found["rotations"] = arm.joint_rotations.reshape(-1, 9).tolist()
-    found["solid"] = solid
+    solid = solid_of(arm, triangles)
+    found["solid"] = {
+        "drawn": len(solid.troubles) < len(arm.visuals),
+        "points": packed(solid.points, POINT_BITS),
+        "bodies": solid.bodies.tolist(),
+        "faces": solid.faces.T.tolist(),
+        "troubles": [f"{arm.name} without {trouble}" for trouble in solid.troubles],
+    }
     return found
-
-
-def _solids(arms: Sequence[RobotArm]) -> list[dict[str, Any]]:
-    """Return the solid of each robot; robots with the same visuals share it."""
-    found: dict[int, dict[str, Any]] = {}
-    keys = [id(arm.visuals) if arm.visuals else id(arm) for arm in arms]
-    for key, arm in zip(keys, arms, strict=True):
-        if key not in found:
-            solid = solid_of(arm, MAX_TRIANGLES // len(arms))
-            found[key] = {
-                "drawn": len(solid.troubles) < len(arm.visuals),
-                "points": packed(solid.points, POINT_BITS),
-                "bodies": solid.bodies.tolist(),
-                "faces": solid.faces.T.tolist(),
-                "troubles": [
-                    f"{arm.name} without {trouble}" for trouble in solid.troubles
-                ],
-            }
-    return [found[key] for key in keys]

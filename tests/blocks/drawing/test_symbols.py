@@ -218,20 +218,6 @@ def test_curve_of_a_table_and_no_caption_without_limits():
     assert not any("from" in text for text in drawn(Integrator()))
 
 
-@pytest.mark.parametrize(
-    "rising, falling", [(Step(), Step(final_value=-1.0)), (Relay(), Relay(on=-1.0))]
-)
-def test_curve_falls_with_its_values(rising, falling):
-    """The curves are mirror images, so their heights add up to 24 px."""
-    up, down = (
-        np.array(re.findall(r"(?<=[MV])[\d .]+", block._symbol.curve))
-        for block in (rising, falling)
-    )
-    heights = [[float(text.split()[-1]) for text in curve] for curve in (up, down)]
-    np.testing.assert_array_equal(np.add(*heights), 24.0)
-    assert heights[0][0] > heights[0][1]  # y points down
-
-
 def test_names_of_port_arithmetic_are_in_tooltips_only():
     diagram = Diagram("arithmetic")
     a, b, end = diagram.add(a=Constant(1.0), b=Constant(2.0), sum_of=Gain(1.0))
