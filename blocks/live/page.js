@@ -82,15 +82,11 @@ function redraw() {
 /** Step metrics: last value; if it is settled, rise time from 10 to 90 %, overshoot, settling time to 2 %. */
 function metrics(time, values) {
   const last = values.length - 1, first = values[0], steady = values[last], span = steady - first;
-  let ten = -1, ninety = -1, settled = 0, peak = 1, size = 0;
-  for (let i = 0; i <= last; ++i) {
-    const share = (values[i] - first) / span;
-    if (ten < 0 && share >= 0.1) ten = i;
-    if (ninety < 0 && share >= 0.9) ninety = i;
-    if (!(Math.abs(share - 1) <= 0.02)) settled = i + 1;
-    if (share > peak) peak = share;
-    size = Math.max(size, Math.abs(values[i]));
-  }
+  const shares = values.map((value) => (value - first) / span);
+  const [ten, ninety] = [0.1, 0.9].map((level) => shares.findIndex((share) => share >= level));
+  const settled = shares.findLastIndex((share) => !(Math.abs(share - 1) <= 0.02)) + 1;
+  const largest = (a, b) => Math.max(a, Math.abs(b)), size = values.reduce(largest, 0);
+  const peak = shares.reduce((a, b) => Math.max(a, b), 1);
   const settles = settled < 0.9 * last && Math.abs(span) > 1e-9 * size;
   const end = Math.abs(steady) < 1e-6 * size ? 0 : steady;
   const overshoot = Math.round(1e4 * (peak - 1)) / 100; // to 0.01 %

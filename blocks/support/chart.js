@@ -168,25 +168,25 @@ class Chart {
   listen() {
     const { canvas, band, view } = this;
     let from = null; // where a drag began
+    const range = () => [from, view.hover].sort((a, b) => a - b);
     const end = () => {
       from = null;
       band.hidden = true;
     };
     canvas.onpointerdown = (event) => {
-      from = this.inverse(event.offsetX);
+      from = view.hover = this.inverse(event.offsetX);
       canvas.setPointerCapture(event.pointerId);
     };
     canvas.onpointermove = (event) => {
       view.hover = this.inverse(event.offsetX);
-      const [left, right] = [from, view.hover].map((value) => this.place(value)).sort((a, b) => a - b);
+      const [left, right] = range().map((value) => this.place(value));
       band.hidden = from === null || right - left < 5;
       Object.assign(band.style, { left: `${left}px`, width: `${right - left}px` });
       view.changed();
     };
-    canvas.onpointerup = (event) => {
-      const to = this.inverse(event.offsetX);
-      if (!band.hidden) view.range = [from, to].sort((a, b) => a - b);
-      else if (from !== null && view.pick) view.pick(to);
+    canvas.onpointerup = () => {
+      if (!band.hidden) view.range = range();
+      else if (from !== null) view.pick?.(view.hover);
       end();
       view.changed(true);
     };

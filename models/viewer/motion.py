@@ -177,10 +177,9 @@ class Motion:
         frames = max(MIN_INSTANTS, span / FRAME_TIME + 1.5)
         shown = spread(len(self.time), min(frames, room))
         pushes = {
-            name: packed(self._values(port, size)[:, shown])
-            if self.name_of(port)
-            else []
+            name: self._values(port, size).reshape(-1, 3, len(self.time))
             for name, port in (("force", "base_force"), ("torque", "base_torque"))
+            if self.name_of(port)
         }
         return {
             "logged": len(self.time),
@@ -188,7 +187,8 @@ class Motion:
             "time": packed(self.time[shown]),
             "coordinates": packed(self.coordinates[:, shown], COORDINATE_BITS),
             "ends": [self.truss.dynamics.attitude.end, self.truss.rigid_q],
-            **pushes,
+            "longest": {k: np.linalg.norm(v, axis=1).max() for k, v in pushes.items()},
+            **{k: packed(v[..., shown].reshape(size, -1)) for k, v in pushes.items()},
             "signals": [
                 {
                     "name": name,

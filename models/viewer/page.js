@@ -8,27 +8,18 @@ class Page {
     const changed = (all) => this.charts.forEach((chart) => (all ? chart.draw() : chart.mark()));
     const ends = [this.start, this.end], pick = (t) => this.show(t);
     this.view = { label: "time", unit: "s", ends, pick, changed };
-    const longest = { force: this.peak(this.force), torque: this.peak(this.torque) };
     const instants = Array.from({ length: 21 }, (_, k) => this.start + ((this.end - this.start) * k) / 20);
     const cloud = instants.map((t) => Scene3d.posed(this.truss, this.state(t)));
     const target = this.target && Scene3d.stateOf(this.ends, this.target);
-    const options = { target, longest, camera, cloud };
+    const options = { target, longest: this.longest, camera, cloud };
     this.scene = new Scene3d.Scene($("picture"), this.truss, this.state(this.t), options);
   }
 
   get scale() { return Number($("exaggeration").value); }
 
   state(t) {
-    const i = indexOf(this.time, t + 1e-9), { ends, coordinates, force, torque } = this;
+    const i = indexOf(this.time, t + 1e-9), { ends, coordinates, force = [], torque = [] } = this;
     return Scene3d.stateOf(ends, ...[coordinates, force, torque].map((rows) => rows.map((row) => row[i])));
-  }
-
-  peak(rows) { // longest vector of three of all robots and instants
-    let longest = 0;
-    for (let k = 0; k < rows.length; k += 3)
-      for (const i of this.time.keys())
-        longest = Math.max(longest, Math.hypot(rows[k][i], rows[k + 1][i], rows[k + 2][i]));
-    return longest;
   }
 
   legend() {
@@ -58,7 +49,6 @@ class Page {
   // Frames of a film from this instant to `end` as data URLs, one a line, for a program that reads the page.
   film(count, end, width, height) {
     const found = element("pre"), start = this.t;
-    found.hidden = true;
     document.body.append(found);
     for (let k = 0; k < count; k++) {
       this.t = start + ((end - start) * k) / Math.max(1, count - 1);
@@ -110,6 +100,7 @@ function listen(page) {
   $("follow").onchange = () => page.scene.follow($("follow").value);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
     page.legend();
+    page.scene.draw();
     page.view.changed(true);
   });
 }

@@ -225,16 +225,12 @@ const Scene3d = (() => {
       const extent = ([low, high], value) => [Math.min(low, value), Math.max(high, value)];
       this.bounds = [0, 1, 2].map((k) =>
         this.cloud.map((point) => point[k]).reduce(extent, [Infinity, -Infinity]));
-      const theme = matchMedia("(prefers-color-scheme: dark)");
-      this.dark = theme.matches;
-      theme.addEventListener("change", () => {
-        this.dark = theme.matches;
-        this.draw();
-      });
       this.prepare();
       this.look(camera);
       this.listen();
     }
+
+    get dark() { return matchMedia("(prefers-color-scheme: dark)").matches; }
 
     get far() { // whether the motion is too long for a picture of all of it
       return this.lost || this.bounds.some(([low, high]) => !(high - low < FAR * Math.max(...this.half)));
