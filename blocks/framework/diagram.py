@@ -401,7 +401,6 @@ class Diagram(Netlist):
         at: Port | str | None = None,
         duration: float = 10.0,
         step: float | None = None,
-        solver: str = "rk4",
         panels: Sequence[Any] = (),
         pace: float | None = None,
     ) -> Path | None:
@@ -428,9 +427,8 @@ class Diagram(Netlist):
         duration : float
             Duration of a run [s].
         step : float, optional
-            Fixed step [s]; by default from the fastest mode and the sample times. At most 4000 steps are logged.
-        solver : str
-            ``"rk4"`` or ``"euler"``.
+            Fixed step of the solver ``"rk4"`` [s]; by default from the fastest mode and the sample times. At most
+            4000 steps are logged.
         panels : sequence of Panel
             Further views that follow the cursor, see `trussflow.blocks.live.page.Panel`.
         pace : float, optional
@@ -461,7 +459,6 @@ class Diagram(Netlist):
             at=at,
             duration=duration,
             step=step,
-            solver=solver,
             panels=panels,
             pace=pace,
         )

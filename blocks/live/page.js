@@ -213,10 +213,10 @@ function recall() {
 function python() {
   const nested = (start, [size, ...shape]) => (size === undefined ? p[start]
     : Array.from({ length: size }, (_, i) => nested(start + i * shape.reduce((a, b) => a * b, 1), shape)));
-  const { solver, arrays, tick, every } = data, log = Object.fromEntries(data.channels);
+  const { arrays, tick, every } = data, log = Object.fromEntries(data.channels);
   const parameters = {};
   for (const { array } of changed()) parameters[array] = nested(arrays[array][0], arrays[array].slice(1));
-  const settings = { step: seconds, solver, log, log_step: (every * tick[0]) / tick[1], parameters };
+  const settings = { step: seconds, solver: "rk4", log, log_step: (every * tick[0]) / tick[1], parameters };
   const lines = Object.entries(settings).map(([name, value]) => `    ${name}=${JSON.stringify(value)},\n`);
   const call = `simulate(\n    diagram,\n    ${end},\n${lines.join("")})`;
   return `from trussflow.blocks import simulate\n\nresult = ${call}\n`;

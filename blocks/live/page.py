@@ -168,7 +168,6 @@ def contents(
     at: Reference | None = None,
     duration: float = 10.0,
     step: float | None = None,
-    solver: str = "rk4",
     panels: Sequence[Panel] = (),
     pace: float | None = None,
     is_served: bool = False,
@@ -179,7 +178,7 @@ def contents(
     ----------
     diagram : Diagram
         The diagram.
-    parameters, signals, at, duration, step, solver, panels, pace
+    parameters, signals, at, duration, step, panels, pace
         As for `Diagram.live` [duration, step: s; pace: -].
     is_served : bool
         Whether this process computes the runs.
@@ -196,10 +195,6 @@ def contents(
     cannot = f"cannot make a live page of '{diagram.name}'"
     positive(duration=duration)
     positive_if_given(step=step, pace=pace)
-    if solver not in FIXED_STEP:
-        raise SimulationError(
-            f"{cannot} with solver {solver!r}: a page has fixed steps; choose from {', '.join(FIXED_STEP)}"
-        )
     plan = Plan(diagram, step or math.inf)
     plan.loops.refuse_idle_starts()
     if plan.python_blocks and not is_served:
@@ -230,7 +225,7 @@ def contents(
         *(outputs([loop.port], "wire") for loop in loops),
     ]
     prepared = Prepared(
-        plan, quantities, Solver(step=float(tick), solver=solver), channels
+        plan, quantities, Solver(step=float(tick), solver="rk4"), channels
     )
     programs = [*prepared.programs, *(loop.program for loop in loops)]
     steps = ticks(length, tick, "the duration")
@@ -240,7 +235,6 @@ def contents(
         "steps": steps,
         "pace": pace,
         "every": -(-steps // MAX_ROWS),
-        "solver": solver,
         "programs": [program.name for program in programs],
         **_simulation(prepared, steps, p, x, d),
         "controls": controls(plan, p, parameters),
@@ -264,7 +258,7 @@ def _simulation(
     due = prepared.schedule.due(0, steps + 1)
     return {
         "tick": [tick.numerator, tick.denominator],
-        "method": [*FIXED_STEP].index(prepared.solver.solver),
+        "method": [*FIXED_STEP].index("rk4"),
         "sizes": [plan.p.size, plan.x.size, plan.d_size],
         # Packed, as JSON has no infinity.
         "numbers": packed(np.concatenate([p, x, d])),

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from trussflow.blocks.errors import NameLookupError, SimulationError
 from trussflow.blocks.framework.units import distinct
+from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import shown
 
 if TYPE_CHECKING:
@@ -35,6 +34,20 @@ def signals_of(result: Any, doing: str, names: Sequence[str] = ()) -> xr.Dataset
     return chosen
 
 
+def labels_of(signal: xr.DataArray) -> list[tuple[str, ...]]:
+    """Return the labels of each element of a `signal` over time; elements of axes without labels are numbered."""
+    labels = (
+        map(str, signal[d].values if d in signal.coords else range(signal.sizes[d]))
+        for d in signal.dims[1:]
+    )
+    return [*product(*labels)]
+
+
+def elements_of(signal: xr.DataArray) -> Vector:
+    """Return a `signal` over time as rows of elements, one column per instant."""
+    return signal.to_numpy().reshape(len(signal), -1).T
+
+
 def to_pandas(result: xr.Dataset) -> pd.DataFrame:
     """Return a result as a table: a row for each time, a column for each element, such as ``plant.q[0]``.
 
@@ -49,16 +62,8 @@ def to_pandas(result: xr.Dataset) -> pd.DataFrame:
 
     columns = {}
     for name, signal in signals_of(result, "tabulate").data_vars.items():
-        # Elements of axes without labels are numbered.
-        labels = [
-            signal[d].values if d in signal.coords else range(signal.sizes[d])
-            for d in signal.dims[1:]
-        ]
-        for index, label in zip(
-            np.ndindex(signal.shape[1:]), product(*labels), strict=True
-        ):
-            element = f"[{', '.join(map(str, label))}]" if index else ""
-            columns[f"{name}{element}"] = signal.values[:, *index]
+        for label, values in zip(labels_of(signal), elements_of(signal), strict=True):
+            columns[f"{name}[{', '.join(label)}]" if label else name] = values
     return pd.DataFrame(columns, index=pd.Index(result["time"].values, name="time"))
 
 

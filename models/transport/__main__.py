@@ -227,19 +227,15 @@ def simulate_mission(options: argparse.Namespace, command: str) -> Outcome:
 
 def write_live(mission: MissionFile, diagram: Diagram, file: Path) -> None:
     """Write a page that simulates the mission, with the truss in motion."""
-    if mission.solver not in FIXED_STEP:
+    if mission.solver != "rk4":
         raise ModelError(
-            f"--live needs a solver with fixed steps, not {mission.solver}: set --solver rk4 and a --step that "
+            f"--live needs the solver rk4, not {mission.solver}: set --solver rk4 and a --step that "
             "is stable, or leave out --live"
         )
     scene = scene_panel(mission.truss, rods=mission.rods, target=mission.target)
     with status_line("compiling the live page"):
         diagram.live(
-            file,
-            duration=mission.duration,
-            step=mission.mission.step,
-            solver=mission.solver,
-            panels=[scene],
+            file, duration=mission.duration, step=mission.mission.step, panels=[scene]
         )
     print(f"open {file} in a browser to change parameters", flush=True)
 

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import itertools
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from trussflow.blocks.framework.units import distinct
+from trussflow.blocks.results.conversions import elements_of, labels_of
 from trussflow.blocks.support.files import reading
 from trussflow.blocks.support.packing import packed, spread
 from trussflow.blocks.support.types import Vector
 from trussflow.models.errors import ModelError
 from trussflow.models.plant.space_truss import SpaceTruss
-from trussflow.models.validation import frozen_array
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -91,7 +89,7 @@ class Motion:
     """
 
     def __init__(self, result: xr.Dataset, truss: SpaceTruss) -> None:
-        self.truss, self._said = truss, result.attrs.get("target")
+        self.truss = truss
         self.signals = {
             str(name): variable
             for name, variable in result.data_vars.items()
@@ -101,9 +99,8 @@ class Motion:
         }
         timed = "time" in result.coords and result["time"].dtype.kind in "fiu"
         self.time = np.asarray(result["time"], dtype=float) if timed else np.zeros(0)
-        if len(self.time) < 2 or not (
-            np.isfinite(self.time).all() and (np.diff(self.time) >= 0.0).all()
-        ):
+        steps = np.diff(self.time)
+        if not (len(steps) and (steps >= 0.0).all() and np.isfinite(steps).all()):
             raise ModelError(
                 "cannot show the result: its coordinate 'time' must have two or more ascending instants in "
                 f"seconds; it has {len(self.time)} instants"
@@ -137,7 +134,7 @@ class Motion:
 
     def _values(self, port: str, size: int) -> Vector:
         variable = self.signals[self.name_of(port) or ""]
-        values = _columns(variable)
+        values = elements_of(variable)
         if len(values) != size:
             truss = self.truss
             raise ModelError(
@@ -152,15 +149,6 @@ class Motion:
                 f"t = {self.time[bad.argmax()]:g} s; remove the rest with result.sel(time=slice(0, ...))"
             )
         return values
-
-    def target(self, given: npt.ArrayLike | None) -> list[float] | None:
-        """Return the target task coordinates: those `given`, otherwise those of the result [m, rad]."""
-        said = self._said if given is None else given
-        return (
-            None
-            if said is None
-            else list(frozen_array("target", said, (self.truss.rigid_q,)))
-        )
 
     def exaggeration(self) -> int:
         """Return the scale of the largest grasp displacement to `SHOWN_DISPLACEMENT`, 1 to 500 [-]."""
@@ -193,25 +181,10 @@ class Motion:
                 {
                     "name": name,
                     "units": distinct(str(variable.attrs.get("units") or "")),
-                    "components": _components(variable),
+                    "components": [" ".join(labels) for labels in labels_of(variable)],
                     "inner": variable.shape[2] if variable.ndim > 2 else 1,
-                    "values": packed(_columns(variable)[:, shown], CHART_BITS),
+                    "values": packed(elements_of(variable)[:, shown], CHART_BITS),
                 }
                 for name, variable in self.signals.items()
             ],
         }
-
-
-def _columns(variable: xr.DataArray) -> Vector:
-    """Return a signal as rows of components, one column per instant."""
-    return variable.to_numpy().astype(float).reshape(len(variable), -1).T
-
-
-def _components(variable: xr.DataArray) -> list[str]:
-    """Return the names of the components by the labels of the axes, or by numbers."""
-    axes: list[list[str]] = []
-    for dim, size in list(variable.sizes.items())[1:]:
-        labels = variable[dim].values if dim in variable.coords else range(1, size + 1)
-        what = f"{dim} " if dim in ("robot", "mode") else ""
-        axes.append([f"{what}{label}" for label in labels])
-    return [" ".join(parts) for parts in itertools.product(*axes)]

@@ -86,7 +86,9 @@ def _animated(frames: list[bytes]) -> bytes:
 
     # A median cut, the default, would mix the colours of robots.
     first, *others = [
-        Image.open(io.BytesIO(frame)).quantize(GIF_COLOURS, Image.Quantize.FASTOCTREE)
+        Image.open(io.BytesIO(frame))
+        .convert("RGB")
+        .quantize(GIF_COLOURS, Image.Quantize.FASTOCTREE)
         for frame in frames
     ]
     raw, pause = io.BytesIO(), round(1000.0 / FRAME_RATE)

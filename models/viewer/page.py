@@ -15,7 +15,7 @@ from trussflow.blocks.support.texts import package_text, page_text, script_json
 from trussflow.models.errors import ModelError
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.viewer.motion import Motion, opened
-from trussflow.models.viewer.scene import plant_of, scene_of
+from trussflow.models.viewer.scene import plant_of, scene_of, target_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -83,11 +83,9 @@ def replay(
     """
     data = opened(result)
     motion = Motion(data, plant_of(truss, data.attrs))
-    goal, names, geometry = (
-        motion.target(target),
-        [*motion.signals],
-        scene_of(motion.truss, rods),
-    )
+    names, geometry = [*motion.signals], scene_of(motion.truss, rods)
+    given = data.attrs.get("target") if target is None else target
+    goal = target_of(motion.truss, given)
     shown = names[:INITIAL_CHARTS] if charts is None else [*charts]
     for name in shown:
         if name not in names:

@@ -7,8 +7,7 @@ import numpy.typing as npt
 from trussflow.blocks.live.page import Panel
 from trussflow.blocks.support.texts import package_text, script_json
 from trussflow.models.plant.space_truss import SpaceTruss
-from trussflow.models.validation import frozen_array
-from trussflow.models.viewer.scene import scene_of
+from trussflow.models.viewer.scene import scene_of, target_of
 
 
 def scene_panel(
@@ -36,18 +35,13 @@ def scene_panel(
     ModelError
         If rods are required but not given, or the target has another size.
     """
-    goal = (
-        None
-        if target is None
-        else list(frozen_array("target", target, (truss.rigid_q,)))
-    )
     names = [f"{path}.{port}" for port in ("coordinates", "base_force", "base_torque")]
     data = {
         "truss": scene_of(truss, rods),
         "names": names,
         "ends": [truss.dynamics.attitude.end, truss.rigid_q],
         "start": truss.parameters["initial_coordinates"].tolist(),
-        "target": goal,
+        "target": target_of(truss, target),
     }
     text = script_json(script_json(data, allow_nan=False))
     return Panel(

@@ -16,6 +16,7 @@ from trussflow.models.plant.space_truss import STRUCTURES, SpaceTruss
 from trussflow.models.robots.robot_arm import RobotArm
 from trussflow.models.truss.paper_truss import paper_structure
 from trussflow.models.truss.truss_modes import TrussModes
+from trussflow.models.validation import frozen_array
 from trussflow.models.viewer.solids import MAX_TRIANGLES, solid_of
 
 POINT_BITS = 24
@@ -90,6 +91,13 @@ def scene_of(truss: SpaceTruss, rods: npt.ArrayLike | None) -> dict[str, Any]:
             for i, arm in enumerate(arms)
         ],
     }
+
+
+def target_of(truss: SpaceTruss, given: npt.ArrayLike | None) -> list[float] | None:
+    """Return the checked task coordinates `given` of the target [m, rad], if there are any."""
+    return (
+        None if given is None else list(frozen_array("target", given, (truss.rigid_q,)))
+    )
 
 
 def frame_rods(modes: TrussModes) -> npt.NDArray[np.int_]:

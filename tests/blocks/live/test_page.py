@@ -370,7 +370,6 @@ def of(block):
             SimulationError,
             "'own.gain' is infinite; give the ends",
         ),
-        (pid(), {"solver": "auto"}, SimulationError, "a page has fixed steps"),
         (pid(), {"pace": 1.0}, SimulationError, "leave out the path"),
         (pid(), {"step": 0.3}, SimulationError, "10 s is not a whole number"),
         (pid(), {"duration": -1.0}, SimulationError, "duration"),

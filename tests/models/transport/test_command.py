@@ -119,7 +119,7 @@ def test_plant_and_observer_are_options(tmp_path):
         (["--step", "inf"], "simulation: 'step' is not finite: inf"),
         (
             ["--live", "--controller", "pd"],
-            "--live needs a solver with fixed steps, not Rodas5P: set --solver rk4",
+            "--live needs the solver rk4, not Rodas5P: set --solver rk4",
         ),
         (
             ["--step", "0.003", "--duration", "1"],

@@ -42,7 +42,11 @@ def run_of(truss, *, duration=8.0, step=0.02, phase=0.0, modal=0.3):
             ),
             "truss.energy": ("time", 1.0 + np.ravel(waves(1, 1.0, 7)), {"units": "J"}),
         },
-        {"time": ("time", time, {"units": "s"}), "axis": list("xyz")},
+        {
+            "time": ("time", time, {"units": "s"}),
+            "axis": list("xyz"),
+            "robot": range(1, truss.robots + 1),
+        },
         {"target": np.linspace(-2.0, 2.0, truss.rigid_q)},
     )
 

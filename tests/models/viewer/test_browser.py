@@ -240,9 +240,9 @@ def test_charts_have_units_that_suit_and_one_line_for_equal_curves(
     page = opened().open(replay(shown, truss, tmp_path / "charts.html"), t=3)
     entries = page.evaluate("JSON.parse(page.charts[2].names)")
     assert sorted(entries) == sorted(
-        [f"robot 1 {a} = robot 2 {a}" for a in "xyz"]
-        + ["robot 3 x = robot 3 y", "robot 3 z"]
-        + [f"robot 4 {a}" for a in "xyz"]
+        [f"1 {a} = 2 {a}" for a in "xyz"]
+        + ["3 x = 3 y", "3 z"]
+        + [f"4 {a}" for a in "xyz"]
     )
     widths = page.evaluate(
         "[...document.querySelectorAll('.legend')].map((l) => l.scrollWidth - l.clientWidth)"

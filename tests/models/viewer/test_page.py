@@ -66,11 +66,7 @@ def test_page_carries_what_was_logged(page_file, run):
     )
     expected = run["truss.base_force"].values.reshape(len(run["time"]), -1).T
     assert_allclose(force["values"], expected, rtol=1e-4)
-    assert (force["units"], force["inner"], force["components"][4]) == (
-        "N",
-        3,
-        "robot 2 y",
-    )
+    assert (force["units"], force["inner"], force["components"][4]) == ("N", 3, "2 y")
     assert shown["charted"] == [str(name) for name in run][:4]
     assert content.head["target"] == run.attrs["target"].tolist()
     assert "401 logged instants, 401 of them shown" in content.text
