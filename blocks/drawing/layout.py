@@ -40,6 +40,8 @@ def layout(boxes: list[Box], nets: list[Net]) -> tuple[float, float]:
     tuple of float
         Width and height [px].
     """
+    if not boxes:
+        return 0.0, 0.0
     # Attempts permute the pins of boxes, so that each begins with these heights.
     start = [(pin, pin.dy) for box in boxes for side in box.sides for pin in side]
     scores: dict[int, tuple[int, int]] = {}

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from trussflow.blocks.drawing.graph import (
     JUNCTION_LEAD,
@@ -43,9 +44,6 @@ MAX_INNER_WIDTH = 110.0
 
 MAX_NAME_LENGTH = 28
 """Largest number of letters of a name; the tooltip has the complete name."""
-
-MAX_FREE_PORTS = 2
-"""Largest number of unused ports that a block shows."""
 
 RAISED = re.compile(r"\^\((.*?)\)")
 """Pattern of superscripts."""
@@ -102,8 +100,7 @@ class Figure:
     captions: list[str]
 
 
-@dataclass(eq=False, slots=True)
-class Scene:
+class Scene(NamedTuple):
     """Contents and layout of one diagram.
 
     Attributes
@@ -120,12 +117,12 @@ class Scene:
         Size of the scene [px].
     """
 
-    figures: list[Figure] = field(default_factory=list)
-    pins: list[tuple[Row, Pin]] = field(default_factory=list)
-    wires: list[tuple[Net, Port]] = field(default_factory=list)
-    edges: list[Box] = field(default_factory=list)
-    width: float = 0.0
-    height: float = 0.0
+    figures: list[Figure]
+    pins: list[tuple[Row, Pin]]
+    wires: list[tuple[Net, Port]]
+    edges: list[Box]
+    width: float
+    height: float
 
 
 def brief(name: str) -> str:
@@ -139,6 +136,11 @@ def breadth(text: str) -> float:
         1 + (unicodedata.east_asian_width(letter) in "WF")
         for letter in RAISED.sub(r"\1", text)
     )
+
+
+def height_of(lines: list[str]) -> float:
+    """Return the height of the `lines` of a symbol [px]."""
+    return sum(BAR_HEIGHT if line == "-" else LINE_HEIGHT for line in lines)
 
 
 def every(block: Block) -> str:
@@ -173,7 +175,7 @@ def shown_rows(
 ) -> list[list[Row]]:
     """Return the rows that are drawn.
 
-    Text, curve or signs replace the name of a single input or output. Many unused ports are not drawn.
+    Text, curve or signs replace the name of a single input or output. Unused ports are not drawn.
 
     Parameters
     ----------
@@ -186,10 +188,10 @@ def shown_rows(
     used : set of str
         Paths of the connected ports.
     """
-    shown = rows(diagram, block, used)
-    kept = [[r for r in side if r.note or r.port.path in used] for side in shown]
-    if sum(map(len, shown)) - sum(map(len, kept)) > MAX_FREE_PORTS:
-        shown = kept
+    shown = [
+        [row for row in side if row.note or row.port.path in used]
+        for side in rows(diagram, block, used)
+    ]
     if not (symbol.text or symbol.curve or symbol.pins):
         return shown
     signs = dict(zip(block.inputs(), symbol.pins, strict=False))
@@ -225,7 +227,7 @@ def figure_of(block: Block, symbol: Symbol, sides: list[list[Row]]) -> Figure:
         return Figure(block, symbol, box, outline, JUNCTION_SIZE / 2, name, captions)
     lines = symbol.text.split("\n")
     inner = max(20.0 * bool(symbol.text), *map(breadth, lines)) + 2 * SYMBOL_MARGIN
-    tall = sum(BAR_HEIGHT if line == "-" else LINE_HEIGHT for line in lines)
+    tall = height_of(lines)
     if symbol.curve:
         inner, tall = CURVE_SIZE[0] + 2 * SYMBOL_MARGIN, CURVE_SIZE[1]
     left, right = (
@@ -245,8 +247,8 @@ def figure_of(block: Block, symbol: Symbol, sides: list[list[Row]]) -> Figure:
 
 def scene_of(diagram: Diagram) -> Scene:
     """Return the scene of a `diagram`."""
-    scene = Scene()
     pins: dict[object, Pin] = {}
+    figures, texts, edges = list[Figure](), list[tuple[Row, Pin]](), list[Box]()
     ends = [wire.ends for wire in diagram.wires]
     used = {port.path for inner in (*ends, *diagram.exposed.values()) for port in inner}
     for block in diagram.blocks.values():
@@ -258,7 +260,7 @@ def scene_of(diagram: Diagram) -> Scene:
         symbol = block._symbol.of(block)
         sides = shown_rows(diagram, block, symbol, used)
         figure = figure_of(block, symbol, sides)
-        scene.figures.append(figure)
+        figures.append(figure)
         x, y, width, height = figure.outline
         for side, found in enumerate(sides):
             dy = y + (height - len(found) * PIN_PITCH) / 2
@@ -268,15 +270,15 @@ def scene_of(diagram: Diagram) -> Scene:
                 pin = figure.box.pin(side, dy + (i + 0.5) * PIN_PITCH, note, inset)
                 pin.negative = row.name == "−"
                 pins[row.key] = pin
-                scene.pins.append((row, pin))
+                texts.append((row, pin))
     links: list[tuple[Port, object]] = []
     for name, inside in diagram.exposed.items():
         port = diagram.ports[name]
         width = breadth(brief(name)) + 12
         box = Box(width, PIN_PITCH, edge=-1 if port.is_input else 1)
-        scene.edges.append(box)
+        edges.append(box)
         pins[port.path] = box.pin(int(port.is_input), box.height / 2)
-        scene.pins.append((Row(port, port.path, brief(name)), pins[port.path]))
+        texts.append((Row(port, port.path, brief(name)), pins[port.path]))
         links += [
             (port, end.path) if port.is_input else (end, port.path) for end in inside
         ]
@@ -290,8 +292,6 @@ def scene_of(diagram: Diagram) -> Scene:
     for port, key in links:
         net, _ = nets.setdefault(port.path, (Net(pins[port.path], []), port))
         net.targets.append(pins[key])
-    scene.wires = list(nets.values())
-    boxes = [*(figure.box for figure in scene.figures), *scene.edges]
-    if boxes:
-        scene.width, scene.height = layout(boxes, [net for net, _ in scene.wires])
-    return scene
+    boxes = [*(figure.box for figure in figures), *edges]
+    size = layout(boxes, [net for net, _ in nets.values()])
+    return Scene(figures, texts, [*nets.values()], edges, *size)

@@ -18,6 +18,7 @@ from trussflow.blocks.drawing.scene import (
     Scene,
     breadth,
     every,
+    height_of,
     scene_of,
 )
 from trussflow.blocks.framework.diagram import Diagram
@@ -133,7 +134,7 @@ def symbol_of(symbol: Symbol, x: float, y: float) -> Iterator[str]:
         yield f'<path class="axes" d="M{left:g} {y:g}h{width:g}M{x:g} {top:g}v{height:g}"/>'
         yield f'<path class="curve" transform="translate({left:g},{top:g})" d="{escape(symbol.curve)}"/>'
     lines = symbol.text.split("\n")
-    y -= sum(BAR_HEIGHT if line == "-" else LINE_HEIGHT for line in lines) / 2
+    y -= height_of(lines) / 2
     half = max(map(breadth, lines)) / 2
     for line in lines:
         if line == "-":

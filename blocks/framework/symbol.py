@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 MAX_VALUE_LENGTH, MAX_POLYNOMIAL_LENGTH = 22, 40
 """Largest number of letters of an array and of a polynomial."""
 
-WHOLE_NUMBERS = 1e4, 1e6
-"""Range of numbers that are drawn without fraction and power of ten [any]."""
-
 NO_LIMIT = 1e100
 """Magnitude from which numbers are drawn as infinite [any]."""
 
@@ -132,8 +129,7 @@ def number(value: float) -> str:
     """Return a number [any] with four digits as text."""
     if abs(value) >= NO_LIMIT:
         return "−∞" if value < 0 else "∞"
-    form = ".0f" if WHOLE_NUMBERS[0] <= abs(value) < WHOLE_NUMBERS[1] else ".4g"
-    digits, _, power = f"{value:{form}}".partition("e")
+    digits, _, power = f"{value:.4g}".partition("e")
     text = f"{digits}·10^({int(power)})" if power else digits
     return text.replace("-", "−")
 
@@ -178,21 +174,20 @@ def equations(function: Callable[..., Any], form: str = "") -> list[str]:
         The lines; empty if there are too many, the function has another form, or its text is not known.
     """
     *steps, last = _body(function) or [ast.Pass()]
-    if not isinstance(last, ast.Return) or last.value is None:
+    result = last.value if isinstance(last, ast.Return) else None
+    if not result or not all(isinstance(step, ast.Assign) for step in steps):
         return []
-    if not all(isinstance(step, ast.Assign) for step in steps):
+    if form and not isinstance(result, ast.Dict):
         return []
-    texts, result = [*map(_written, steps)], last.value
-    if not form:
-        texts.append(_written(result))
-    elif isinstance(result, ast.Dict):
+    texts = [*map(_written, steps)]
+    if isinstance(result, ast.Dict):
         texts += [
             form.format(key.value, _written(value))
             for key, value in zip(result.keys, result.values, strict=True)
             if isinstance(key, ast.Constant)
         ]
     else:
-        return []
+        texts.append(_written(result))
     lines = wrapped(*texts)
     # The name of a private function says nothing.
     is_private = re.search(r"\b_[a-z]", " ".join(lines))

@@ -13,7 +13,7 @@ from trussflow.blocks.errors import BlockError, ParameterError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Attribute, Parameter, Signals
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.framework.symbol import Symbol, equations
+from trussflow.blocks.framework.symbol import Symbol, equations, wrapped
 from trussflow.blocks.framework.units import Unit, check_declared
 from trussflow.blocks.support.call_site import call_site
 from trussflow.blocks.support.types import Array, Vector
@@ -21,9 +21,6 @@ from trussflow.blocks.support.validation import as_shape, by_name, shown
 
 ShapeLike = int | tuple[int, ...] | None
 """A size, a shape, or None for a shape inferred from the wires."""
-
-MAX_CALL_LENGTH = 36
-"""Largest number of letters of a call in a symbol."""
 
 
 class Shaped(Block):
@@ -186,9 +183,7 @@ class WrappedFunction(Block):
     def _symbol(self) -> Symbol:
         name = getattr(self._function, "__name__", "f").replace("<lambda>", "f")
         call = f"{name}({', '.join(port.name for port in self.inputs())})"
-        if len(call) > MAX_CALL_LENGTH:
-            call = f"{name[:MAX_CALL_LENGTH]}(…)"
-        return Symbol("\n".join(equations(self._function) or [call]))
+        return Symbol("\n".join(equations(self._function) or wrapped(call)))
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the results of the function by output."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
+from itertools import product
 from math import ceil, floor, log10
 from typing import Any
 
@@ -157,14 +158,13 @@ def _range(
             ("at most", "below", np.inf),
         )
     )
-    is_finite, is_log = abs(value) < MAX_CONTROL_VALUE, False
+    is_finite = abs(value) < MAX_CONTROL_VALUE
     if ends is not None:
         low, high = finite_array(f"the range of '{name}'", ends, (2,)).tolist()
         if (is_finite and not low <= value <= high) or low == high:
             raise SimulationError(
                 f"the range {low:g} to {high:g} of parameter '{name}' must contain its value {value:g}"
             )
-        is_log = low > 0.0 and high / low >= RANGE_FACTOR**3
     elif not is_finite:
         raise SimulationError(
             f"parameter '{name}' is infinite; give the ends of its slider: parameters={{'{name}': (low, high)}}"
@@ -173,9 +173,8 @@ def _range(
         low, high = least, most
     else:
         low, high = sorted((value / RANGE_FACTOR, value * RANGE_FACTOR))
-        is_log = low > 0.0
         low, high = max(low or -1.0, least), min(high or 1.0, most)
-    return {"low": low, "high": high, "log": is_log, "min": least, "max": most}
+    return {"low": low, "high": high, "log": low > 0.0, "min": least, "max": most}
 
 
 def usual_signals(system: System) -> dict[str, Port]:
@@ -219,10 +218,10 @@ def charts(channels: Sequence[Channel]) -> list[dict[str, Any]]:
 
 
 def _labels(channel: Channel) -> list[str]:
-    """Return the names of the elements of a channel, by the labels of its axis if there are any."""
-    names = element_labels(channel.name, channel.port.shape or ())
-    (labels,) = channel.axes.values() if len(channel.axes) == 1 else ((),)
-    return [f"{channel.name} {label}" for label in labels] if labels else names
+    """Return the names of the elements of a channel, by the labels of its axes if there are any."""
+    sizes = zip(channel.axes.values(), channel.port.shape or (), strict=True)
+    each = product(*(map(str, labels or range(size)) for labels, size in sizes))
+    return [f"{channel.name}[{', '.join(e)}]" if e else channel.name for e in each]
 
 
 def usual_step(

@@ -37,7 +37,6 @@ def parser(prog: str = PROG) -> argparse.ArgumentParser:
         choices=STRUCTURES,
         help="plant of the run; default: that in the result",
     )
-    found.add_argument("--title", default="Replay", help="title of the page")
     found.add_argument(
         "--output", type=Path, default=Path("replay.html"), help="page to write"
     )
@@ -71,7 +70,7 @@ def view(options: argparse.Namespace) -> Outcome:
     if page.suffix != ".html":
         with status_line("writing the page"):
             page = replay(
-                options.result, options.truss, options.output, title=options.title
+                options.result, options.truss, options.output, title=str(options.result)
             )
         lines.append(f"open {page} in a browser")
     if options.png is not None:
