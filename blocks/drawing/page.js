@@ -32,18 +32,14 @@ svg.onwheel = (event) => {
   look([x + (eye[0] - x) * factor, y + (eye[1] - y) * factor, eye[2] * factor, eye[3] * factor]);
 };
 
-let start = null, dragged = false;
-svg.onpointerdown = (event) => {
-  start = { event, place: at(event.clientX, event.clientY) };
-  dragged = false;
+let dragged = 0; // [px]
+svg.onpointerdown = () => { dragged = 0; };
+svg.onpointermove = ({ buttons, movementX: x, movementY: y }) => {
+  if (!buttons) return;
+  const unit = 1 / svg.getScreenCTM().a;
+  dragged += Math.abs(x) + Math.abs(y);
+  look([eye[0] - x * unit, eye[1] - y * unit, eye[2], eye[3]]);
 };
-window.onpointermove = (event) => {
-  if (!start) return;
-  dragged ||= Math.hypot(event.clientX - start.event.clientX, event.clientY - start.event.clientY) > 4;
-  const { x, y } = at(event.clientX, event.clientY);
-  if (dragged) look([eye[0] + start.place.x - x, eye[1] + start.place.y - y, eye[2], eye[3]]);
-};
-window.onpointerup = () => { start = null; };
 
 // ---- groups: an open one shows its picture in its box
 
@@ -66,7 +62,7 @@ function mark(picture) {
 }
 
 svg.onclick = ({ target }) => {
-  if (dragged) return;
+  if (dragged > 4) return;
   const signal = target.closest(".plotted"), owner = target.closest(".block");
   const group = groups.find(({ dataset }) => dataset.path === owner?.dataset.path);
   if (signal) return plot(signal.dataset.path);

@@ -155,25 +155,10 @@ def part_of(port: Port) -> str:
     return "" if whole else port.full_path.removeprefix(port.path)
 
 
-def rows(diagram: Diagram, block: Block, used: set[str]) -> list[list[Row]]:
-    """Return the rows of the inputs and outputs of a `block`, one for each wire; `used` are connected ports."""
-    inputs = []
-    for port in block.inputs():
-        wires = [wire for wire in diagram.wires if wire.target.path == port.path]
-        for wire in wires:
-            note = "0" if wire.source is None else brief(part_of(wire.source))
-            name = brief(port.name + part_of(wire.target))
-            inputs.append(Row(port, id(wire), name, note))
-        if not wires:
-            is_open = port.declaration.default is None and port.path not in used
-            inputs.append(Row(port, port.path, brief(port.name), "open" * is_open))
-    return [inputs, [Row(p, p.path, brief(p.name)) for p in block.outputs()]]
-
-
-def shown_rows(
+def rows(
     diagram: Diagram, block: Block, symbol: Symbol, used: set[str]
 ) -> list[list[Row]]:
-    """Return the rows that are drawn.
+    """Return the rows of the inputs and outputs of a block, one for each wire.
 
     Text, curve or signs replace the name of a single input or output. Unused ports are not drawn.
 
@@ -188,19 +173,25 @@ def shown_rows(
     used : set of str
         Paths of the connected ports.
     """
-    shown = [
-        [row for row in side if row.note or row.port.path in used]
-        for side in rows(diagram, block, used)
-    ]
+    inputs = []
+    for port in block.inputs():
+        wires = [wire for wire in diagram.wires if wire.target.path == port.path]
+        for wire in wires:
+            note = "0" if wire.source is None else brief(part_of(wire.source))
+            name = brief(port.name + part_of(wire.target))
+            inputs.append(Row(port, id(wire), name, note))
+        is_open = port.declaration.default is None and port.path not in used
+        if is_open or (port.path in used and not wires):
+            inputs.append(Row(port, port.path, brief(port.name), "open" * is_open))
+    outputs = [Row(p, p.path, brief(p.name)) for p in block.outputs() if p.path in used]
     if not (symbol.text or symbol.curve or symbol.pins):
-        return shown
+        return [inputs, outputs]
     signs = dict(zip(block.inputs(), symbol.pins, strict=False))
-    for side in shown:
-        named = len(side) > 1 and symbol.outline != "circle"
-        side[:] = [
-            replace(row, name=signs.get(row.port, row.name * named)) for row in side
-        ]
-    return shown
+    named = [len(s) > 1 and symbol.outline != "circle" for s in (inputs, outputs)]
+    return [
+        [replace(row, name=signs.get(row.port, row.name * is_named)) for row in side]
+        for side, is_named in zip((inputs, outputs), named, strict=True)
+    ]
 
 
 def figure_of(block: Block, symbol: Symbol, sides: list[list[Row]]) -> Figure:
@@ -258,7 +249,7 @@ def scene_of(diagram: Diagram) -> Scene:
                 f"not {shown(block._symbol)}; write _symbol = Symbol(...)"
             )
         symbol = block._symbol.of(block)
-        sides = shown_rows(diagram, block, symbol, used)
+        sides = rows(diagram, block, symbol, used)
         figure = figure_of(block, symbol, sides)
         figures.append(figure)
         x, y, width, height = figure.outline

@@ -34,8 +34,8 @@ MAX_CONTROL_SIZE = 3
 MAX_CONTROL_VALUE = 1e100
 """Size of a number above which it means "no limit" [unit]."""
 
-MAX_CURVES, MAX_DEFAULT_CURVES = 8, 48
-"""Curves in a chart, and in a page whose signals are not chosen [-]."""
+MAX_DEFAULT_CURVES = 48
+"""Curves of a page whose signals are not chosen [-]."""
 
 RANGE_FACTOR = 4.0
 """Ratio of the end of a slider to the value in its middle [-]."""
@@ -206,14 +206,12 @@ def charts(channels: Sequence[Channel]) -> list[dict[str, Any]]:
             shared.setdefault((own, readable(unit or "")), []).append(curve)
     return [
         {
-            "title": own or ", ".join(curve["label"] for curve in members),
+            "title": own or ", ".join(curve["label"] for curve in curves),
             "unit": unit,
             "scalar": not own,
-            "curves": members,
+            "curves": curves,
         }
         for (own, unit), curves in shared.items()
-        for first in range(0, len(curves), MAX_CURVES)
-        for members in [curves[first : first + MAX_CURVES]]
     ]
 
 

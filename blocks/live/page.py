@@ -104,10 +104,6 @@ def live_page(
         return None
     cannot = f"cannot make a live page of '{diagram.name}'"
     file = as_path(DiagramError, cannot, path)
-    if settings.get("pace") is not None:
-        raise SimulationError(
-            f"{cannot} with pace=: only a served page has a pace; leave out the path"
-        )
     page = contents(diagram, **settings)
     module = compile_web_module(
         content(page.programs), partial(c_sources, page.programs), FUNCTIONS
@@ -138,10 +134,6 @@ def server_of(diagram: Diagram, **settings: Any) -> LiveServer:
     # slow to import
     from trussflow.blocks.live.server import LiveServer
 
-    if settings.get("at") is not None:
-        raise SimulationError(
-            "a served page has no poles and Bode plot; leave out at=, or give a file to write"
-        )
     page = contents(diagram, is_served=True, **settings)
     return LiveServer(
         page.prepared,
@@ -195,6 +187,14 @@ def contents(
     cannot = f"cannot make a live page of '{diagram.name}'"
     positive(duration=duration)
     positive_if_given(step=step, pace=pace)
+    if is_served and at is not None:
+        raise SimulationError(
+            "a served page has no poles and Bode plot; leave out at=, or give a file to write"
+        )
+    if pace is not None and not is_served:
+        raise SimulationError(
+            f"{cannot} with pace=: only a served page has a pace; leave out the path"
+        )
     plan = Plan(diagram, step or math.inf)
     plan.loops.refuse_idle_starts()
     if plan.python_blocks and not is_served:

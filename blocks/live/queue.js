@@ -2,8 +2,6 @@
 
 const QUIET = 100; // ms between reports of a long run
 const PATIENCE = 1500; // ms after which a run ends for newer values
-const LARGE = 40; // states above which the loop is analysed only when the values rest
-const REST = 200; // ms
 
 let engine = null, wanted = null, busy = false;
 const rest = (time) => new Promise((resolve) => setTimeout(resolve, time));
@@ -23,9 +21,9 @@ async function serve(job) {
   if (!result) return;
   const seconds = (performance.now() - begin) / 1000;
   postMessage({ id: job.id, ...result, seconds }, [result.time.buffer, result.log.buffer]);
-  if (!engine.data.loop) return;
-  if (engine.data.sizes[1] > LARGE) await rest(REST);
-  if (!wanted) postMessage({ id: job.id, analysis: analysed(engine.linear(...engine.points[job.point])) });
+  if (engine.data.loop) await rest(0);
+  if (!engine.data.loop || wanted) return;
+  postMessage({ id: job.id, analysis: analysed(engine.linear(...engine.points[job.point])) });
 }
 
 onmessage = async ({ data: message }) => {

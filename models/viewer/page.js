@@ -115,7 +115,6 @@ async function begin() {
   }
   choices($("camera"), cameras.map((name) => [name, name]));
   choices($("follow"), [["nothing", "nothing"], ["truss", "truss"]]);
-  choices($("follow"), head.truss.arms.map((_, k) => [k, `robot ${k + 1}`]));
   $("camera").value = camera;
   $("exaggeration").value = asked.get("exaggeration") ?? head.exaggeration;
   const page = new Page(head, camera), time = (name, value) => {

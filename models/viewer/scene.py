@@ -19,9 +19,6 @@ from trussflow.models.truss.truss_modes import TrussModes
 from trussflow.models.validation import frozen_array
 from trussflow.models.viewer.solids import MAX_TRIANGLES, solid_of
 
-POINT_BITS = 24
-"""Mantissa bits of a corner of a robot, about seven decimal digits [-]."""
-
 
 def plant_of(truss: SpaceTruss | str | None, attributes: dict[str, Any]) -> SpaceTruss:
     """Return the plant of a run.
@@ -74,11 +71,8 @@ def scene_of(truss: SpaceTruss, rods: npt.ArrayLike | None) -> dict[str, Any]:
         joined = frame_rods(modes) if rods is None else number_array("rods", rods)
     except ParameterError:
         joined = np.array([])
-    if (
-        joined.ndim != 2
-        or joined.shape[1] != 2
-        or not np.isin(joined, range(len(modes.masses))).all()
-    ):
+    places = range(len(modes.masses))
+    if joined.shape[1:] != (2,) or not np.isin(joined, places).all():
         raise ModelError(
             f"cannot draw the truss: rods must be pairs of its {len(modes.masses)} points, counted from 0"
         )
@@ -119,7 +113,7 @@ def _arm(
     modes: TrussModes, grasp: int, arm: RobotArm, triangles: int
 ) -> dict[str, Any]:
     """Return the geometry of an arm of at most so many `triangles` at the `grasp` [-]."""
-    flat = {
+    arrays = {
         "grasp": modes.grasp_positions[grasp],
         "translation": modes.grasp_translations[grasp],
         "rotation": modes.grasp_rotations[grasp],
@@ -127,18 +121,10 @@ def _arm(
         "basePosition": arm.base_position,
         "baseRotation": arm.base_rotation,
     }
-    found: dict[str, Any] = {
-        name: np.ravel(value).tolist() for name, value in flat.items()
+    return {
+        **{name: np.ravel(value).tolist() for name, value in arrays.items()},
+        "origins": arm.joint_origins.tolist(),
+        "sliding": list(arm.sliding),
+        "rotations": arm.joint_rotations.reshape(-1, 9).tolist(),
+        "solid": solid_of(arm, triangles),
     }
-    found["origins"] = arm.joint_origins.tolist()
-    found["sliding"] = list(arm.sliding)
-    found["rotations"] = arm.joint_rotations.reshape(-1, 9).tolist()
-    solid = solid_of(arm, triangles)
-    found["solid"] = {
-        "drawn": len(solid.troubles) < len(arm.visuals),
-        "points": packed(solid.points, POINT_BITS),
-        "bodies": solid.bodies.tolist(),
-        "faces": solid.faces.T.tolist(),
-        "troubles": [f"{arm.name} without {trouble}" for trouble in solid.troubles],
-    }
-    return found

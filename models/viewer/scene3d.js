@@ -15,7 +15,6 @@ const Scene3d = (() => {
   const EIGHT = [0, 1, 2, 3, 4, 5, 6, 7]; // corners of a box
   const LONGEST = 2.5; // longest arrow [m]
   const MARGIN = 0.5; // around everything visible [m]
-  const CLOSE = 0.8; // half of the visible width at a followed robot [m]
   const FAR = 60; // a motion of more half truss sizes than this would shrink the truss to a dot [-]
   const LOST = 1e5; // points farther away are not drawn [m]
   const [BODY, GROUND, SHADOW] = [0, 1, 2]; // kinds of drawn triangles
@@ -94,7 +93,6 @@ const Scene3d = (() => {
   // ---- parts: capsules are [one end, its radius, other end, its radius, roundness of the ends, colour] ---
 
   const cornersOf = ({ points, arms }) => [...points, ...arms.flatMap((arm) => arm.corners)];
-  const ball = (place, radius, colour) => [place, radius, place, radius, 1, colour];
 
   // Half of the size of the truss, and a radius of rods that is visible beside it [m].
   function radiiOf(truss) {
@@ -113,7 +111,7 @@ const Scene3d = (() => {
     const radius = arm.solid.drawn ? 0.004 : 0.035 * reach;
     const links = pairs.map(([a, b]) => [a, radius, b, radius, 1, link]);
     if (arm.solid.drawn) return links;
-    return [...links, ...chain.slice(0, -1).map((at) => ball(at, 1.35 * radius)), ...edgesOf(corners)];
+    return [...links, ...chain.slice(0, -1).map((at) => [at, 1.35 * radius, at, 1.35 * radius, 1]), ...edgesOf(corners)];
   }
 
   function edgesOf(corners) { // of a box, whose corners are numbered by the signs of z, y and x
@@ -292,7 +290,7 @@ const Scene3d = (() => {
       this.redraw();
     }
 
-    follow(followed) { // "nothing", "truss" or the index of a robot
+    follow(followed) { // "nothing" or "truss"
       Object.assign(this, { followed, zoom: 1, moved: [0, 0, 0] });
       this.draw();
     }
@@ -348,11 +346,9 @@ const Scene3d = (() => {
     around() {
       const middle = this.bounds.map(([low, high]) => (low + high) / 2);
       if (this.followed === "nothing") return [middle, this.cloud.map((point) => sum(point, middle, -1))];
-      const { points, arms } = this.pose, truss = this.followed === "truss";
-      const centre = mean(truss ? points : arms[Number(this.followed)].chain);
+      const centre = mean(this.pose.points);
       if (near(centre)) this.seen = centre;
-      const half = truss ? this.half : [CLOSE, CLOSE, CLOSE];
-      return [this.seen ?? middle, EIGHT.map((k) => half.map((a, axis) => (k & (1 << axis) ? a : -a)))];
+      return [this.seen ?? middle, EIGHT.map((k) => this.half.map((a, axis) => (k & (1 << axis) ? a : -a)))];
     }
 
     // Coordinates on the screen are relative to the target of the camera: single precision suffices far away.

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trussflow.blocks.support.packing import packed
 from trussflow.blocks.support.types import Vector
 from trussflow.models.errors import ModelError
 from trussflow.models.robots.robot_arm import RobotArm
@@ -15,32 +15,17 @@ from trussflow.models.robots.visuals import BOX_CORNERS, BOX_FACES, Triangles
 MAX_TRIANGLES = 12_000
 """Largest number of triangles of all robots of a run [-]."""
 
+POINT_BITS = 24
+"""Mantissa bits of a corner, about seven decimal digits [-]."""
+
 _FINEST, _COARSER = 1e-3, 1.3  # edge of clustering cells [m], and its growth factor [-]
 
 
-class Solid(NamedTuple):
-    """Triangles that move with the bodies of a robot.
+def solid_of(arm: RobotArm, most: int) -> dict[str, Any]:
+    """Return the solid of a robot as JSON; without visuals, a box around its base.
 
-    Attributes
-    ----------
-    points : array, shape (k, 3)
-        Corners, in the frame of their body [m].
-    bodies : array, shape (k,)
-        Index of the body of each corner: 0 is the hand, then the links [-].
-    faces : array, shape (m, 3)
-        Indices of the corners of each triangle [-].
-    troubles : tuple of str
-        Reasons why visuals are omitted.
-    """
-
-    points: Vector
-    bodies: NDArray[np.int_]
-    faces: NDArray[np.int_]
-    troubles: tuple[str, ...] = ()
-
-
-def solid_of(arm: RobotArm, most: int) -> Solid:
-    """Return the solid of a robot; without visuals, a box around its base.
+    It has whether visuals are drawn, the corners in the frames of their bodies [m], their bodies (0 is the hand,
+    then the links), the corners of triangles, and the reasons why visuals are omitted.
 
     Parameters
     ----------
@@ -59,28 +44,23 @@ def solid_of(arm: RobotArm, most: int) -> Solid:
             parts.append((visual.body, visual.triangles()))
         except ModelError as error:
             troubles.append(str(error))
-    if not parts:
-        corners = (
-            arm.base_position + (2.0 * BOX_CORNERS * box_of(arm)) @ arm.base_rotation.T
-        )
-        return Solid(
-            corners, np.full(len(corners), arm.joints), BOX_FACES, tuple(troubles)
-        )
-    edge, found = _FINEST, [triangles for _, triangles in parts]
+    bodies, found = [body for body, _ in parts], [triangles for _, triangles in parts]
+    edge = _FINEST
     while sum(len(faces) for _, faces in found) > most:
-        found, edge = (
-            [_merged(triangles, edge) for _, triangles in parts],
-            edge * _COARSER,
-        )
+        found = [_merged(triangles, edge) for _, triangles in parts]
+        edge *= _COARSER
+    if not parts:
+        corners = 2.0 * BOX_CORNERS * box_of(arm) @ arm.base_rotation.T
+        bodies, found = [arm.joints], [(arm.base_position + corners, BOX_FACES)]
     starts = np.cumsum([0, *(len(points) for points, _ in found)])
-    return Solid(
-        np.concatenate([points for points, _ in found]),
-        np.repeat([body for body, _ in parts], np.diff(starts)),
-        np.concatenate(
-            [faces + start for (_, faces), start in zip(found, starts, strict=False)]
-        ),
-        tuple(troubles),
-    )
+    shifted = [f + start for (_, f), start in zip(found, starts[:-1], strict=True)]
+    return {
+        "drawn": bool(parts),
+        "points": packed(np.concatenate([points for points, _ in found]), POINT_BITS),
+        "bodies": np.repeat(bodies, np.diff(starts)).tolist(),
+        "faces": np.concatenate(shifted).T.tolist(),
+        "troubles": [f"{arm.name} without {trouble}" for trouble in troubles],
+    }
 
 
 def box_of(arm: RobotArm) -> Vector:

@@ -125,7 +125,7 @@ def test_signals_of_one_unit_share_a_chart_and_arrays_have_their_own(tmp_path):
     diagram.ground(many.u)
     data, _ = made(diagram, tmp_path, step=0.01)
     found = [(c["unit"], len(c["curves"])) for c in data["charts"]]
-    assert found == [("", 1), ("m", 2), ("", 8), ("", 1)]
+    assert found == [("", 1), ("m", 2), ("", 9)]
 
 
 def test_a_moved_slider_changes_the_charts(pid_page, window):
