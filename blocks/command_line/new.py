@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from importlib.resources import files
 from pathlib import Path
 
 from trussflow.blocks.errors import DiagramError
-from trussflow.blocks.support.files import replaced
+from trussflow.blocks.support.files import written
+from trussflow.blocks.support.texts import package_text
 from trussflow.command_arguments import Outcome, main_of, parser_of
 
 MISSION_TEMPLATE = "parameters/new_mission.toml"
@@ -46,11 +46,7 @@ def new(options: argparse.Namespace) -> Outcome:
         raise DiagramError(
             f"cannot write '{path}': it exists already; name another file"
         )
-    try:
-        with replaced(path) as partial:
-            partial.write_bytes(files(package).joinpath(file).read_bytes())
-    except OSError as error:
-        raise DiagramError(f"cannot write '{path}': {error}") from error
+    written(path, package_text(file, package), DiagramError, "cannot write")
     text = f"run it with 'python {path}' or 'trussflow run {path}:loop 10'"
     if mission:
         text = f"run it with 'trussflow fly {path}'; '--explain' prints all values"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 from random import Random
 
-from trussflow.blocks.drawing.graph import Box, Channels, Net, Pin
+from trussflow.blocks.drawing.graph import Box, Channels, Net
 from trussflow.blocks.drawing.layering import by_flow, edges_of, into_layers, rails
 from trussflow.blocks.drawing.ordering import Ordering, crossings
 from trussflow.blocks.drawing.placing import place
@@ -61,12 +61,8 @@ def layout(boxes: list[Box], nets: list[Net]) -> tuple[float, float]:
                 rail.x = x + track * WIRE_GAP
             x += WIRE_GAP * (1 + max(verticals.values(), default=-1))
             if k < len(layers):
-                x += max(
-                    pin.note
-                    for box in layers[k]
-                    # A pin without note: `max` needs an element.
-                    for pin in (*box.sides[0], Pin(box, 0, 0.0))
-                )
+                notes = (pin.note for box in layers[k] for pin in box.sides[0])
+                x += max(notes, default=0.0)
                 column = max(box.width for box in layers[k])
                 for box in layers[k]:
                     box.x = x + (0.0 if box.edge < 0 else (column - box.width) / 2)

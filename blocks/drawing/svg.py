@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from html import escape
 from itertools import pairwise
+from math import dist
 
 from trussflow.blocks.drawing.graph import JUNCTION_SIZE, Box, Net, Pin, Point
 from trussflow.blocks.drawing.scene import (
@@ -166,21 +168,17 @@ def title(port: Port) -> str:
 
 def forks(net: Net) -> list[Point]:
     """Return the points at which the wires of a `net` branch."""
-    places = [[complex(x, y) for x, y in path] for path in net.paths]
-    lines = [line for path in places for line in pairwise(path)]
-    found = []
-    for p in dict.fromkeys(point for path in places for point in path[1:-1]):
-        # Directions in which wires leave this point: two are a bend, three a branch.
-        ways = {
-            (end - p) / abs(end - p)
-            for a, b in lines
-            if abs(a - p) + abs(b - p) < abs(a - b) + 1e-6
-            for end in (a, b)
-            if end != p
-        }
-        if len(ways) > 2:
-            found.append((p.real, p.imag))
-    return found
+    points = sorted({point for path in net.paths for point in path})
+    edges = {
+        edge
+        for path in net.paths
+        for a, b in pairwise(path)
+        for edge in pairwise(
+            p for p in points if dist(a, p) + dist(p, b) < dist(a, b) + 1e-6
+        )
+    }
+    ends = Counter(point for edge in edges for point in edge)
+    return [point for point in points if ends[point] > 2]
 
 
 # Set here, as the framework does not import the drawing package.

@@ -16,7 +16,7 @@ from trussflow.blocks.framework.netlist import Netlist
 from trussflow.blocks.framework.port import Port, is_port, port_text
 from trussflow.blocks.framework.symbol import Symbol
 from trussflow.blocks.support.call_site import call_site
-from trussflow.blocks.support.files import replaced
+from trussflow.blocks.support.files import written
 from trussflow.blocks.support.summary import Description
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import as_path, finite_array, one_of, shown
@@ -379,12 +379,7 @@ class Diagram(Netlist):
             if suffix == ".html"
             else picture
         )
-        try:
-            # Atomic: an interrupted call leaves the old file.
-            with replaced(path) as partial:
-                partial.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise DiagramError(f"{cannot} '{path}': {error}") from error
+        written(path, text, DiagramError, cannot)
         return picture
 
     _artists: ClassVar[dict[str, Callable[..., str]]] = {}

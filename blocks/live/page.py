@@ -29,7 +29,7 @@ from trussflow.blocks.results.channels import Chosen, chosen_channels
 from trussflow.blocks.simulation.prepared import Prepared
 from trussflow.blocks.simulation.solver import FIXED_STEP, Solver
 from trussflow.blocks.simulation.step_size_warnings import warn_of_missed_jumps
-from trussflow.blocks.support.files import replaced
+from trussflow.blocks.support.files import written
 from trussflow.blocks.support.packing import compressed, packed
 from trussflow.blocks.support.texts import package_text, page_text, script_json
 from trussflow.blocks.support.types import Vector
@@ -108,12 +108,7 @@ def live_page(
     module = compile_web_module(
         content(page.programs), partial(c_sources, page.programs), FUNCTIONS
     )
-    try:
-        with replaced(file) as partial_file:
-            partial_file.write_text(html(page, module), encoding="utf-8")
-    except OSError as error:
-        raise DiagramError(f"{cannot} in '{path}': {error}") from error
-    return file
+    return written(file, html(page, module), DiagramError, f"{cannot} in")
 
 
 def server_of(diagram: Diagram, **settings: Any) -> LiveServer:

@@ -106,6 +106,24 @@ def replaced(path: str | Path) -> Iterator[Path]:
         deleted(folder, lock)
 
 
+def written(
+    path: str | Path, text: str, error_class: type[Exception], cannot: str
+) -> Path:
+    """Write a `text` to the file `path` atomically; return the path.
+
+    Raises
+    ------
+    Exception
+        An `error_class` whose message begins with `cannot`, if the file cannot be written.
+    """
+    try:
+        with replaced(path) as partial:
+            partial.write_bytes(text.encode("utf-8"))
+    except OSError as error:
+        raise error_class(f"{cannot} '{path}': {error}") from error
+    return Path(path)
+
+
 def own_folder(place: Path, prefix: str) -> tuple[Path, IO[str]]:
     """Make a folder with a locked lock file; delete folders that killed processes left in the same place.
 

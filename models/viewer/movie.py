@@ -24,8 +24,6 @@ def movie(
     page: str | Path,
     path: str | Path,
     *,
-    start: float | None = None,
-    end: float | None = None,
     duration: float = 8.0,
     camera: str = "oblique",
     size: tuple[int, int] = (800, 450),
@@ -38,8 +36,6 @@ def movie(
         Page to show.
     path : str or pathlib.Path
         File to write, an animated ``.gif``.
-    start, end : float, optional
-        First and last instant of the run; by default those of the page [s].
     duration : float
         Duration of the film, at 15 frames per second [s].
     camera : str
@@ -62,13 +58,7 @@ def movie(
     check_number("movie", duration=duration)
     count = max(2, round(duration * FRAME_RATE))
     text = browsed(
-        page,
-        WINDOW,
-        ["--dump-dom"],
-        t=start,
-        end=end,
-        camera=camera,
-        film=f"{count},{size[0]},{size[1]}",
+        page, WINDOW, ["--dump-dom"], camera=camera, film=f"{count},{size[0]},{size[1]}"
     ).stdout
     frames = [base64.b64decode(found[1]) for found in FRAME.finditer(text)]
     if len(frames) != count:

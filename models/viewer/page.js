@@ -46,12 +46,12 @@ class Page {
     this.view.changed();
   }
 
-  // Frames of a film from this instant to `end` as data URLs, one a line, for a program that reads the page.
-  film(count, end, width, height) {
-    const found = element("pre"), start = this.t;
+  // Frames of a film as data URLs, one a line, for a program that reads the page.
+  film(count, width, height) {
+    const found = element("pre");
     document.body.append(found);
     for (let k = 0; k < count; k++) {
-      this.t = start + ((end - start) * k) / Math.max(1, count - 1);
+      this.t = this.start + ((this.end - this.start) * k) / (count - 1);
       this.scene.show(this.state(this.t), this.scale);
       found.append(`${this.scene.picture(width, height)}\n`);
     }
@@ -117,22 +117,18 @@ async function begin() {
   choices($("follow"), [["nothing", "nothing"], ["truss", "truss"]]);
   $("camera").value = camera;
   $("exaggeration").value = asked.get("exaggeration") ?? head.exaggeration;
-  const page = new Page(head, camera), time = (name, value) => {
-    const t = Number(asked.get(name) ?? value);
-    if (page.start - 1e-6 <= t && t <= page.end + 1e-6) return t;
-    throw new Error(`there is no t = ${asked.get(name)} s, the run is from ${page.start} to ${page.end} s`);
-  };
-  page.t = time("t", page.start);
+  const page = new Page(head, camera), t = Number(asked.get("t") ?? page.start);
+  if (!(page.start - 1e-6 <= t && t <= page.end + 1e-6))
+    throw new Error(`there is no t = ${asked.get("t")} s, the run is from ${page.start} to ${page.end} s`);
+  page.t = t;
   $("follow").value = asked.get("follow") ?? (page.scene.far ? "truss" : "nothing");
   page.scene.followed = $("follow").value;
   // The arrow keys move the slider by one instant of the picture.
   const step = (page.end - page.start) / (page.time.length - 1);
   Object.assign($("time"), { min: page.start, max: page.end, step });
   page.legend();
-  if (asked.has("film")) {
-    const [count, width, height] = asked.get("film").split(",").map(Number);
-    page.film(count, time("end", page.end), width, height);
-  } else if (!asked.has("still")) chartsOf(page);
+  if (asked.has("film")) page.film(...asked.get("film").split(",").map(Number));
+  else if (!asked.has("still")) chartsOf(page);
   listen(page);
   page.show(page.t);
   window.page = page;

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy.typing as npt
 
-from trussflow.blocks.support.files import replaced
+from trussflow.blocks.support.files import written
 from trussflow.blocks.support.packing import compressed
 from trussflow.blocks.support.texts import package_text, page_text, script_json
 from trussflow.models.errors import ModelError
@@ -93,7 +93,7 @@ def replay(
                 f"cannot show a chart of '{name}': the run has {', '.join(names)}"
             )
 
-    def written(room: float) -> bytes:
+    def content(room: float) -> str:
         """Return the page with a share `room` of the numbers of a page that compresses well."""
         head = {
             **motion.data(room),
@@ -102,22 +102,19 @@ def replay(
             "charted": shown,
             "exaggeration": motion.exaggeration(),
         }
-        return _text(title, head, sections or {}).encode("utf-8")
+        return _text(title, head, sections or {})
 
     room = 1.0
-    while len(page := written(room)) > MAX_PAGE_BYTES:  # noise hardly compresses
+    while (
+        len((page := content(room)).encode("utf-8")) > MAX_PAGE_BYTES
+    ):  # noise hardly compresses
         if room < NO_ROOM:
             raise ModelError(
                 f"cannot show the run in a page of {MAX_PAGE_BYTES / 1e6:g} MB: truss, sections and names of "
                 f"signals alone take {len(page) / 1e6:.1f} MB; use a truss with fewer points or modes"
             )
         room *= 0.8 * MAX_PAGE_BYTES / len(page)
-    try:
-        with replaced(path) as partial:
-            partial.write_bytes(page)
-    except OSError as error:
-        raise ModelError(f"cannot write the page to '{path}': {error}") from error
-    return Path(path)
+    return written(path, page, ModelError, "cannot write the page to")
 
 
 def _text(title: str, head: dict[str, Any], sections: Mapping[str, str]) -> str:

@@ -53,7 +53,6 @@ def still(
     *,
     time: float | None = None,
     camera: str = "oblique",
-    exaggeration: float | None = None,
     size: tuple[int, int] = (1200, 700),
 ) -> Path:
     """Take a picture of the truss from a page by `replay`.
@@ -68,8 +67,6 @@ def still(
         Instant shown [s]; by default the first.
     camera : str
         One of `CAMERAS`.
-    exaggeration : float, optional
-        Exaggeration of the deformation, 1 to 500; by default that of the page [-].
     size : tuple of int
         Width and height [pixel].
 
@@ -85,7 +82,7 @@ def still(
     """
     with replaced(picture) as partial:
         options = ("--hide-scrollbars", f"--screenshot={partial}")
-        asked = {"t": time, "exaggeration": exaggeration, "still": size[1]}
+        asked = {"t": time, "still": size[1]}
         done = browsed(page, size, options, camera=camera, **asked)
         if not partial.is_file():
             raise ModelError(
