@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 from trussflow.blocks.drawing.graph import (
@@ -49,8 +49,7 @@ RAISED = re.compile(r"\^\((.*?)\)")
 """Pattern of superscripts."""
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Row:
+class Row(NamedTuple):
     """Row of a block for one wire.
 
     Attributes
@@ -69,8 +68,7 @@ class Row:
     note: str = ""
 
 
-@dataclass(eq=False, slots=True)
-class Figure:
+class Figure(NamedTuple):
     """Block of a scene.
 
     Attributes
@@ -189,7 +187,7 @@ def rows(
     signs = dict(zip(block.inputs(), symbol.pins, strict=False))
     named = [len(s) > 1 and symbol.outline != "circle" for s in (inputs, outputs)]
     return [
-        [replace(row, name=signs.get(row.port, row.name * is_named)) for row in side]
+        [row._replace(name=signs.get(row.port, row.name * is_named)) for row in side]
         for side, is_named in zip((inputs, outputs), named, strict=True)
     ]
 

@@ -139,9 +139,9 @@ def _starts_in_python(
     """Return whether a block computes initial states in Python from the number at a `place` in p."""
     block, changed = plan.system.blocks[path], p.copy()
     changed[place] = value
-    signals = [plan.p.signals(path, values) for values in (p, changed)]
+    before, after = (plan.p.signals(path, values) for values in (p, changed))
     return type(block).initial is not Block.initial and any(
-        not np.array_equal(*(block.initial(name, each) for each in signals))
+        not np.array_equal(block.initial(name, before), block.initial(name, after))
         for name in block.declared(State)
     )
 

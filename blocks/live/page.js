@@ -245,6 +245,8 @@ player($("play"), (passed) => {
   return view.cursor < end;
 });
 
+window.trussflowPanels = [];
+for (const script of data.panels) document.body.append(element("script", "", script));
 const panels = window.trussflowPanels.filter((panel) => {
   const box = element("div", "panel");
   $("panels").append(box);

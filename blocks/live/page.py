@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -104,11 +104,11 @@ def live_page(
         return None
     cannot = f"cannot make a live page of '{diagram.name}'"
     file = as_path(DiagramError, cannot, path)
-    page = contents(diagram, **settings)
+    data, _, programs = contents(diagram, **settings)
     module = compile_web_module(
-        content(page.programs), partial(c_sources, page.programs), FUNCTIONS
+        content(programs), partial(c_sources, programs), FUNCTIONS
     )
-    return written(file, html(page, module), DiagramError, f"{cannot} in")
+    return written(file, html(data, module), DiagramError, f"{cannot} in")
 
 
 def server_of(diagram: Diagram, **settings: Any) -> LiveServer:
@@ -129,22 +129,13 @@ def server_of(diagram: Diagram, **settings: Any) -> LiveServer:
     # slow to import
     from trussflow.blocks.live.server import LiveServer
 
-    page = contents(diagram, is_served=True, **settings)
-    return LiveServer(
-        page.prepared,
-        html(page, None).encode(),
-        range(0, page.data["steps"] + 1, page.data["every"]),
-        pace=page.data["pace"],
-    )
+    data, prepared, _ = contents(diagram, is_served=True, **settings)
+    logged = range(0, data["steps"] + 1, data["every"])
+    return LiveServer(prepared, html(data, None).encode(), logged, pace=data["pace"])
 
 
-class Contents(NamedTuple):
-    """Contents of a page: its `data` for JavaScript, the `prepared` diagram, its `programs`, and `panels`."""
-
-    data: dict[str, Any]
-    prepared: Prepared
-    programs: list[Program]
-    panels: Sequence[Panel]
+Contents = tuple[dict[str, Any], Prepared, list[Program]]
+"""Data of a page for JavaScript, the prepared diagram, and its programs."""
 
 
 def contents(
@@ -229,6 +220,7 @@ def contents(
         "name": diagram.name,
         "steps": steps,
         "pace": pace,
+        "panels": [panel.script for panel in panels],
         "every": -(-steps // MAX_ROWS),
         "programs": [program.name for program in programs],
         **_simulation(prepared, steps, p, x, d),
@@ -242,7 +234,7 @@ def contents(
         "charts": charts(channels[: len(charted)]),
         "loop": loops[0].data if loops else None,
     }
-    return Contents(data, prepared, programs, panels)
+    return data, prepared, programs
 
 
 def _simulation(
@@ -276,13 +268,13 @@ def _simulation(
     }
 
 
-def html(page: Contents, module: bytes | None) -> str:
+def html(data: dict[str, Any], module: bytes | None) -> str:
     """Return the text of a page.
 
     Parameters
     ----------
-    page : Contents
-        Its contents.
+    data : dict
+        Its data.
     module : bytes or None
         The WebAssembly module; without it, a server computes the runs.
     """
@@ -290,14 +282,9 @@ def html(page: Contents, module: bytes | None) -> str:
     engine = text("linear.js") + text("worker.js") if module else text("served.js")
     return page_text(
         "trussflow.blocks.live",
-        page.data["name"],
+        data["name"],
         connect="" if module else "connect-src 'self'",
-        # A script ends at "</script", also in a string.
-        panels="".join(
-            f"<script>{panel.script.replace('</', '<' + chr(92) + '/')}</script>\n"
-            for panel in page.panels
-        ),
-        data=script_json(page.data),
+        data=script_json(data),
         module=compressed(module or b""),
         worker=engine + text("queue.js"),
     )

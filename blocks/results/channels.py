@@ -48,7 +48,8 @@ class Channel:
     @property
     def places(self) -> Vector:
         """Indices of the elements in a logged row."""
-        return self.columns.start + self.port.elements().ravel()
+        found: Vector = self.columns.start + self.port.elements().ravel()
+        return found
 
     def values(self, *pieces: Vector) -> Vector:
         """Return the values of this channel in `pieces` of logged rows [as declared], joined along time."""

@@ -57,17 +57,22 @@ class Page {
     }
   }
 
-  chart(place, name) { // in place of that before
-    this.charts = this.charts.filter(({ parent }) => parent !== place);
-    place.textContent = "";
-    const { units, inner, components, values } = this.signals.find((one) => one.name === name);
-    const curves = components.map((label, k) => {
-      const colour = COLOURS[Math.floor(k / inner) % COLOURS.length];
-      return { label, colour, values: () => values[k] };
-    });
-    const chart = new Chart(place, { unit: units, curves }, this.view);
-    chart.show(this);
-    this.charts.push(chart);
+  chart(name) { // of a signal that the reader may change
+    const select = element("select"), place = element("div"), number = this.charts.length;
+    select.ariaLabel = "signal";
+    choices(select, this.signals.map((one) =>
+      [one.name, one.name.replaceAll("_", " ") + (one.units && ` [${one.units}]`)]));
+    select.value = name;
+    $("charts").append(select, place);
+    select.onchange = () => {
+      const { units, inner, components, values } = this.signals[select.selectedIndex];
+      const colour = (k) => COLOURS[Math.floor(k / inner) % COLOURS.length];
+      const curves = components.map((label, k) => ({ label, colour: colour(k), values: () => values[k] }));
+      place.textContent = "";
+      this.charts[number] = new Chart(place, { unit: units, curves }, this.view);
+      this.charts[number].show(this);
+    };
+    select.onchange();
   }
 }
 
@@ -75,19 +80,6 @@ class Page {
 
 const choices = (select, named) =>
   select.append(...Array.from(named, ([value, text]) => new Option(text, value)));
-
-function chartsOf(page) {
-  const label = ({ name, units }) => [name, name.replaceAll("_", " ") + (units && ` [${units}]`)];
-  for (const name of page.charted) {
-    const select = element("select"), place = element("div");
-    select.ariaLabel = "signal";
-    choices(select, page.signals.map(label));
-    select.value = name;
-    $("charts").append(select, place);
-    page.chart(place, name);
-    select.onchange = () => page.chart(place, select.value);
-  }
-}
 
 function listen(page) {
   player($("play"), (passed) => {
@@ -128,7 +120,7 @@ async function begin() {
   Object.assign($("time"), { min: page.start, max: page.end, step });
   page.legend();
   if (asked.has("film")) page.film(...asked.get("film").split(",").map(Number));
-  else if (!asked.has("still")) chartsOf(page);
+  else if (!asked.has("still")) page.charted.forEach((name) => page.chart(name));
   listen(page);
   page.show(page.t);
   window.page = page;
