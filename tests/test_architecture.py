@@ -109,7 +109,7 @@ PACKAGES = {
     f"{MODELS}.hardware": (FRAMEWORK, LIBRARY, *PHYSICS),
     f"{MODELS}.feasibility": (FRAMEWORK, CONTROL, *PHYSICS),
     f"{MODELS}.mean_axes": (FRAMEWORK, TRACING, LIBRARY, CONTROL, *PHYSICS),
-    f"{MODELS}.viewer": (FRAMEWORK, LIVE, *PHYSICS),
+    f"{MODELS}.viewer": (FRAMEWORK, RESULTS, LIVE, *PHYSICS),
     f"{MODELS}.transport": (
         *BLOCKS,
         *PHYSICS,

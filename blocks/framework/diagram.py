@@ -331,8 +331,8 @@ class Diagram(Netlist):
         """Draw the diagram: signals run from left to right, feedback runs back below the blocks.
 
         Blocks have the symbols of textbooks. Each nested diagram is one block; its own `draw` shows its
-        blocks. Sampled blocks are coloured by rate. Tooltips show complete names and values, shapes, units
-        and rates. A page has zoom, groups that open, and search.
+        blocks. Sampled blocks are coloured, and show their sample times. Tooltips show complete names, shapes
+        and units. A page has zoom, groups that open, and search.
 
         Parameters
         ----------

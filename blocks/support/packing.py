@@ -38,6 +38,6 @@ def compressed(content: bytes) -> str:
 
 
 def spread(size: int, most: float) -> Vector:
-    """Return indices of at most so many of `size` instants, first and last included [-]."""
+    """Return indices of at `most` so many of `size` instants, first and last included [-]."""
     count = max(2, min(size, int(most)))
     return np.linspace(0, size - 1, count).round().astype(int)

@@ -88,7 +88,7 @@ def scene_of(truss: SpaceTruss, rods: npt.ArrayLike | None) -> dict[str, Any]:
 
 
 def target_of(truss: SpaceTruss, given: npt.ArrayLike | None) -> list[float] | None:
-    """Return the checked task coordinates `given` of the target [m, rad], if there are any."""
+    """Return the task coordinates `given` of the target of a `truss` [m, rad], if there are any."""
     return (
         None if given is None else list(frozen_array("target", given, (truss.rigid_q,)))
     )
