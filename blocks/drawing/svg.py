@@ -19,7 +19,6 @@ from trussflow.blocks.drawing.scene import (
     Row,
     Scene,
     breadth,
-    every,
     height_of,
     scene_of,
 )
@@ -158,12 +157,10 @@ def raised(text: str) -> str:
 
 def title(port: Port) -> str:
     """Return the tooltip of a `port`."""
-    block = port.block
-    facts = [f"{port.path}{port.summary.removeprefix(port.name)}"]
-    facts.append(port.declaration.meaning)
-    if block.sample_time is not None:
-        facts.append(every(block))
-    return f"<title>{escape(chr(10).join(filter(None, facts)))}</title>"
+    text = (
+        f"{port.path}{port.summary.removeprefix(port.name)}\n{port.declaration.meaning}"
+    )
+    return f"<title>{escape(text.strip())}</title>"
 
 
 def forks(net: Net) -> list[Point]:

@@ -106,7 +106,7 @@ def value_text(value: Any, large: str = "") -> str:
     value : object
         The value; others than numbers, arrays and texts give an empty text.
     large : str
-        Text for an array with too many elements; by default its shape.
+        Text for an array with too many elements; by default its size.
     """
     if isinstance(value, str):
         return readable(value)
@@ -122,7 +122,7 @@ def value_text(value: Any, large: str = "") -> str:
     text = f"[{'; '.join(rows)}]" if array.ndim < 3 else ""
     if 0 < len(text) <= MAX_VALUE_LENGTH:
         return text
-    return large or f"{'×'.join(map(str, array.shape))} values"
+    return large or f"{array.size} values"
 
 
 def number(value: float) -> str:

@@ -113,7 +113,7 @@ async function begin() {
   if (!(page.start - 1e-6 <= t && t <= page.end + 1e-6))
     throw new Error(`there is no t = ${asked.get("t")} s, the run is from ${page.start} to ${page.end} s`);
   page.t = t;
-  $("follow").value = asked.get("follow") ?? (page.scene.far ? "truss" : "nothing");
+  $("follow").value = asked.get("follow") ?? (page.scene.lost ? "truss" : "nothing");
   page.scene.followed = $("follow").value;
   // The arrow keys move the slider by one instant of the picture.
   const step = (page.end - page.start) / (page.time.length - 1);

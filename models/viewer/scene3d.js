@@ -15,7 +15,6 @@ const Scene3d = (() => {
   const EIGHT = [0, 1, 2, 3, 4, 5, 6, 7]; // corners of a box
   const LONGEST = 2.5; // longest arrow [m]
   const MARGIN = 0.5; // around everything visible [m]
-  const FAR = 60; // a motion of more half truss sizes than this would shrink the truss to a dot [-]
   const LOST = 1e5; // points farther away are not drawn [m]
   const [BODY, GROUND, SHADOW] = [0, 1, 2]; // kinds of drawn triangles
   const VIEW = 0.55; // vertical field of view [rad]
@@ -219,7 +218,7 @@ const Scene3d = (() => {
       this.half = half.map((a) => a + 2 * MARGIN);
       const corners = [...cloud, this.pose, this.goal].flatMap((pose) => (pose ? cornersOf(pose) : []));
       this.cloud = corners.filter(near);
-      this.lost = this.cloud.length < corners.length;
+      this.lost = this.cloud.length < corners.length; // the motion is too long for a picture of all of it
       const extent = ([low, high], value) => [Math.min(low, value), Math.max(high, value)];
       this.bounds = [0, 1, 2].map((k) =>
         this.cloud.map((point) => point[k]).reduce(extent, [Infinity, -Infinity]));
@@ -229,10 +228,6 @@ const Scene3d = (() => {
     }
 
     get dark() { return matchMedia("(prefers-color-scheme: dark)").matches; }
-
-    get far() { // whether the motion is too long for a picture of all of it
-      return this.lost || this.bounds.some(([low, high]) => !(high - low < FAR * Math.max(...this.half)));
-    }
 
     prepare() {
       const { gl } = this, program = gl.createProgram();
@@ -291,8 +286,8 @@ const Scene3d = (() => {
     }
 
     follow(followed) { // "nothing" or "truss"
-      Object.assign(this, { followed, zoom: 1, moved: [0, 0, 0] });
-      this.draw();
+      this.followed = followed;
+      this.look(this.camera);
     }
 
     show(state, scale = 1) {
