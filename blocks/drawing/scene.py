@@ -105,8 +105,8 @@ class Scene(NamedTuple):
     ----------
     figures : list of Figure
         The blocks.
-    pins : list of tuple
-        Rows with their pins.
+    pins : dict of Pin to Row
+        The rows by their pins.
     wires : list of tuple
         Nets with their sources.
     edges : list of Box
@@ -116,7 +116,7 @@ class Scene(NamedTuple):
     """
 
     figures: list[Figure]
-    pins: list[tuple[Row, Pin]]
+    pins: dict[Pin, Row]
     wires: list[tuple[Net, Port]]
     edges: list[Box]
     width: float
@@ -139,12 +139,6 @@ def breadth(text: str) -> float:
 def height_of(lines: list[str]) -> float:
     """Return the height of the `lines` of a symbol [px]."""
     return sum(BAR_HEIGHT if line == "-" else LINE_HEIGHT for line in lines)
-
-
-def every(block: Block) -> str:
-    """Return the text of the sample time of a sampled `block`."""
-    offset = f" from {block.sample_offset:g} s" if block.sample_offset else ""
-    return f"every {block.sample_time:g} s{offset}"
 
 
 def part_of(port: Port) -> str:
@@ -199,9 +193,8 @@ def figure_of(block: Block, symbol: Symbol, sides: list[list[Row]]) -> Figure:
         # Between the names of ports, the text would make the block too wide.
         caption = f"{symbol.text}\n{symbol.caption}"
         symbol = replace(symbol, text="", caption=caption)
-    captions = list(filter(None, symbol.caption.split("\n")))
-    if block.sample_time is not None:
-        captions.append(every(block))
+    captions = symbol.caption.split("\n")
+    captions = [*filter(None, [*captions, str(block._described().facts["sampled"])])]
     # Port arithmetic makes names such as multiply_1.
     is_made = isinstance(block, Sum | Operation) and re.search(r"_\d+$", block.name)
     name = "" if is_made else brief(block.name)
@@ -237,7 +230,7 @@ def figure_of(block: Block, symbol: Symbol, sides: list[list[Row]]) -> Figure:
 def scene_of(diagram: Diagram) -> Scene:
     """Return the scene of a `diagram`."""
     pins: dict[object, Pin] = {}
-    figures, texts, edges = list[Figure](), list[tuple[Row, Pin]](), list[Box]()
+    figures, texts, edges = list[Figure](), dict[Pin, Row](), list[Box]()
     ends = [wire.ends for wire in diagram.wires]
     used = {port.path for inner in (*ends, *diagram.exposed.values()) for port in inner}
     for block in diagram.blocks.values():
@@ -259,28 +252,26 @@ def scene_of(diagram: Diagram) -> Scene:
                 pin = figure.box.pin(side, dy + (i + 0.5) * PIN_PITCH, note, inset)
                 pin.negative = row.name == "−"
                 pins[row.key] = pin
-                texts.append((row, pin))
-    links: list[tuple[Port, object]] = []
+                texts[pin] = row
+    # One net per source, so that wires from one output share a stem.
+    nets: dict[str, tuple[Net, Port]] = {}
+
+    def link(source: Port, key: object) -> None:
+        net, _ = nets.setdefault(source.path, (Net(pins[source.path], []), source))
+        net.targets.append(pins[key])
+
     for name, inside in diagram.exposed.items():
         port = diagram.ports[name]
         width = breadth(brief(name)) + 12
         box = Box(width, PIN_PITCH, edge=-1 if port.is_input else 1)
         edges.append(box)
         pins[port.path] = box.pin(int(port.is_input), box.height / 2)
-        texts.append((Row(port, port.path, brief(name)), pins[port.path]))
-        links += [
-            (port, end.path) if port.is_input else (end, port.path) for end in inside
-        ]
-    links += [
-        (wire.source.block.ports[wire.source.name], id(wire))
-        for wire in diagram.wires
-        if wire.source is not None
-    ]
-    # One net per source, so that wires from one output share a stem.
-    nets: dict[str, tuple[Net, Port]] = {}
-    for port, key in links:
-        net, _ = nets.setdefault(port.path, (Net(pins[port.path], []), port))
-        net.targets.append(pins[key])
+        texts[pins[port.path]] = Row(port, port.path, brief(name))
+        for end in inside:
+            link(*((port, end.path) if port.is_input else (end, port.path)))
+    for wire in diagram.wires:
+        if wire.source is not None:
+            link(wire.source.block.ports[wire.source.name], id(wire))
     boxes = [*(figure.box for figure in figures), *edges]
     size = layout(boxes, [net for net, _ in nets.values()])
     return Scene(figures, texts, [*nets.values()], edges, *size)

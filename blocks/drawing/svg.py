@@ -63,7 +63,6 @@ def view(scene: Scene) -> Iterator[str]:
         # Wide transparent paths with arrowheads: the tooltip appears near a wire.
         yield from (f'<path class="near" d="{line}"/>' for line in lines)
         yield "</g>"
-    texts = {pin: row for row, pin in scene.pins}
     for figure in scene.figures:
         box, block = figure.box, figure.block
         yield f'<g class="block" data-path="{escape(block.path)}" '
@@ -73,11 +72,11 @@ def view(scene: Scene) -> Iterator[str]:
         )
         yield from inscribed(figure)
         for pin in (*box.sides[0], *box.sides[1]):
-            yield from labelled(texts[pin], pin, box)
+            yield from labelled(scene.pins[pin], pin, box)
         yield "</g>"
     for box in scene.edges:
         for pin in (*box.sides[0], *box.sides[1]):
-            yield from labelled(texts[pin], pin)
+            yield from labelled(scene.pins[pin], pin)
 
 
 def labelled(row: Row, pin: Pin, box: Box | None = None) -> Iterator[str]:
