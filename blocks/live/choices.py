@@ -106,7 +106,8 @@ def controls(
                 "meaning": declared.meaning,
                 **_range(reference, float(p[place]), declared.bounds, ends),
             }
-            if not _starts_in_python(plan, p, entry.path, place, control["high"]):
+            other = control["low" if p[place] == control["high"] else "high"]
+            if not _starts_in_python(plan, p, entry.path, place, other):
                 found.append(control)
             elif chosen is not None:
                 raise SimulationError(

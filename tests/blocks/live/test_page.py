@@ -357,6 +357,12 @@ def of(block):
             SimulationError,
             "'own.seed' cannot have a slider: initial",
         ),
+        (
+            of(Noise(1.0, 0.01, seed=2)),
+            {"parameters": {"own.seed": (0.0, 2.0)}},
+            SimulationError,
+            "'own.seed' cannot have a slider: initial",
+        ),
         (pid(), {"parameters": ["law.kx"]}, NameLookupError, "no parameter 'law.kx'"),
         (
             pid(),
