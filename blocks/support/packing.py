@@ -34,7 +34,7 @@ def packed(values: npt.ArrayLike, bits: int = 53) -> dict[str, Any]:
 
 def compressed(content: bytes) -> str:
     """Return `content` as text, which `inflated` of ``chart.js`` reads."""
-    return base64.b64encode(zlib.compress(content, 9)).decode()
+    return base64.b64encode(zlib.compress(content)).decode()
 
 
 def spread(size: int, most: float) -> Vector:

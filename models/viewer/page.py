@@ -113,7 +113,7 @@ def replay(
                 f"cannot show the run in a page of {MAX_PAGE_BYTES / 1e6:g} MB: truss, sections and names of "
                 f"signals alone take {len(page) / 1e6:.1f} MB; use a truss with fewer points or modes"
             )
-        room *= 0.8 * MAX_PAGE_BYTES / len(page)
+        room *= 0.9 * MAX_PAGE_BYTES / len(page)
     return written(path, page, ModelError, "cannot write the page to")
 
 
