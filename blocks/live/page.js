@@ -7,7 +7,7 @@ const p = defaults.slice();
 const live = (window.trussflowLive = { redraws: 0, run: null, data, p });
 const end = data.steps * seconds;
 let kept = null, asked = 0, planned = false;
-const view = { label: "time", unit: "s", ends: [0, end], cursor: null, range: null, changed: redraw, pick: point };
+const view = { label: "time", unit: "s", ends: [0, end], cursor: null, changed: redraw, pick: point };
 
 /** Return the function of a run that gives a column of its log. */
 const column = (index) => (run) => {

@@ -76,7 +76,8 @@ function unpacked(_, value) {
   const planes = bytesOf(value.packed), bytes = new Uint8Array(8 * size), least = 8 - planes.length / size;
   for (let k = least; k < 8; ++k)
     for (let i = 0; i < size; ++i) bytes[8 * i + k] = planes[(k - least) * size + i];
-  const numbers = new Float64Array(bytes.buffer), row = (_, i) => numbers.subarray(i * columns, (i + 1) * columns);
+  const numbers = new Float64Array(bytes.buffer);
+  const row = (_, i) => numbers.subarray(i * columns, (i + 1) * columns);
   return columns === undefined ? numbers : Array.from({ length: count }, row);
 }
 

@@ -110,7 +110,8 @@ const Scene3d = (() => {
     const radius = arm.solid.drawn ? 0.004 : 0.035 * reach;
     const links = pairs.map(([a, b]) => [a, radius, b, radius, 1, link]);
     if (arm.solid.drawn) return links;
-    return [...links, ...chain.slice(0, -1).map((at) => [at, 1.35 * radius, at, 1.35 * radius, 1]), ...edgesOf(corners)];
+    const joints = chain.slice(0, -1).map((at) => [at, 1.35 * radius, at, 1.35 * radius, 1]);
+    return [...links, ...joints, ...edgesOf(corners)];
   }
 
   function edgesOf(corners) { // of a box, whose corners are numbered by the signs of z, y and x
@@ -201,8 +202,8 @@ const Scene3d = (() => {
     [...[1, 3, 5].map((k) => parseInt(colour.slice(k, k + 2), 16) / 255), alpha];
 
   class Scene {
-    // The first `state` has force and torque of the bases; `cloud` are poses that the picture shows, `longest` is
-    // the largest force and torque.
+    // The first `state` has force and torque of the bases; `cloud` are poses that the picture shows,
+    // `longest` is the largest force and torque.
     constructor(box, truss, state, { target, cloud = [], longest = {}, camera = "oblique" }) {
       this.element = box;
       this.canvas = box.appendChild(element("canvas"));
