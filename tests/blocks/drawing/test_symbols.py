@@ -89,32 +89,7 @@ class Spring(Block):
     _symbol = Symbol("{stiffness} x^(<1>)", caption="soft & <linear>")
 
 
-class Ball(Block):
-    """A block whose equations are its symbol."""
-
-    height = Output()
-    z, v = State(initial=1.0), State()
-    bounce = Event("falling")
-
-    def output(self, t, x, u, p):
-        """Return the height."""
-        return {"height": x.z}
-
-    def derivative(self, t, x, u, p):
-        """Return the rates."""
-        return {"z": x.v, "v": -9.5}
-
-    def indicators(self, t, x, u, p):
-        """Return the height."""
-        return {"bounce": x.z}
-
-    def on_event(self, t, x, u, p, fired):
-        """Go back."""
-        back = 0.5 * x.v**2
-        return {"v": back}
-
-
-class Private(Ball):
+class Private(systems.Ball):
     """A block with an equation that says nothing."""
 
     def derivative(self, t, x, u, p):
