@@ -49,7 +49,7 @@ VALUES = (
 
 @pytest.mark.parametrize("value", VALUES, ids=str)
 def test_what_is_written_is_read_again(value):
-    with np.printoptions(floatmode="unique"):
+    with np.printoptions(floatmode="unique", legacy=False):
         assert repr(decode(encode(value, OF), OF)) == repr(value)
 
 

@@ -15,7 +15,8 @@ from systems import relative_error
 from trussflow.models import Frame, ModelError, reduced_modes, structure_from_nastran
 
 pytest.importorskip("pyyeti", reason="pyyeti reads and writes Nastran's files")
-from pyyeti.nastran import bulk, n2p, op4
+with np.printoptions():  # pyyeti changes the print options of numpy
+    from pyyeti.nastran import bulk, n2p, op4
 
 BOOM = MISSIONS / "boom.toml"
 # Of numbers written in 16 columns.
