@@ -194,3 +194,29 @@ def test_models_without_a_greatest_gain_are_refused(ranges, omega, message):
 def test_deltas_beyond_one_are_refused():
     with pytest.raises(ParameterError, match="numbers from -1 to 1"):
         model_of(mass=0.1).values([0.0, 0.0])
+
+
+def test_the_bound_of_small_boxes_is_sharp():
+    """What the bound adds to the greatest gain falls with the square of the box: the first order is exact."""
+    box, _ = box_of(1)
+    excess = []
+    for width in (1e-2, 1e-3):
+        small = np.vstack([box[:5], box[5:] / width])
+        small[:, :5] *= width
+        small[5:, 5:] += np.eye(2, 1)
+        greatest = max(gain_in(small, delta) for delta in corners(3))
+        excess.append(GainSeries(small, BLOCKS).bound - greatest)
+    assert 0.0 <= excess[1] < excess[0] / 9.0
+
+
+def test_a_box_that_may_hold_a_pole_has_no_bound():
+    box = np.array([[1.1, 1.0], [1.0, 0.0]])
+    assert GainSeries(box, [slice(0, 1)]).bound == np.inf
+
+
+def test_the_bound_of_positive_numbers_is_their_gain():
+    """All terms are greatest where both parameters are: nothing is added, nothing left out."""
+    box = np.array([[0.3, 0.5, 1.0], [0.1, 0.2, 2.0], [3.0, 4.0, 5.0]])
+    greatest = 5.0 + box[2, :2] @ np.linalg.solve(np.eye(2) - box[:2, :2], box[:2, 2])
+    bound = GainSeries(box, [slice(0, 1), slice(1, 2)]).bound
+    assert bound == pytest.approx(greatest, rel=1e-12)
