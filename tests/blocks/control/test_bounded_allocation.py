@@ -26,7 +26,6 @@ from trussflow.blocks.testing import check_block
 
 PROBLEM_COUNT = 100 * campaign.SIZE
 GRADIENT_TOLERANCE = 1e-9  # of the size of the terms that cancel in the gradient
-COMMAND_TOLERANCE = 1e-7  # the other solver reaches this with squared weights 1e8 apart
 INPUTS = {
     "demand": np.array([1.0, -0.7]),
     "effectiveness": np.array([[1.0, 0.5, 0.0, 0.2], [0.0, 1.0, 0.3, -0.4]]),

@@ -150,6 +150,8 @@ def test_files_of_something_else_are_refused_by_name(tmp_path):
         ),
         (everything(), {"solver": "euler"}, "solver is 'rk4' there, 'euler' here$"),
         (everything(), {"step": 0.005}, r"step is 0\.01 there, 0\.005 here$"),
+        (everything(), {"rtol": 1e-6}, "rtol is 1e-08 there, 1e-06 here$"),
+        (everything(), {"atol": 1e-6}, "atol is 1e-10 there, 1e-06 here$"),
         (
             everything(),
             {"backend": "numpy"},

@@ -53,11 +53,9 @@ cloudpickle.register_pickle_by_value(sys.modules[__name__])
 def swept(gains, keep, **settings):
     return sweep(
         decay(()),
-        1.0,
         vary={"back.gain": gains},
         keep={"end": keep},
-        step=0.1,
-        **settings,
+        **{"duration": 1.0, "step": 0.1} | settings,
     )
 
 
@@ -157,10 +155,8 @@ def test_samples_have_a_time_limit_each():
 
 def test_a_folder_of_something_else_is_refused(tmp_path):
     def again(**changed):
-        return swept(
-            [-1.0, -2.0],
-            **{"keep": end, "path": tmp_path / "kept", "executor": "serial"} | changed,
-        )
+        usual = {"gains": [-1.0, -2.0], "keep": end, "executor": "serial"}
+        return swept(**usual | {"path": tmp_path / "kept"} | changed)
 
     first = again()
     xr.testing.assert_equal(first, again())
@@ -168,17 +164,15 @@ def test_a_folder_of_something_else_is_refused(tmp_path):
         SimulationError, match=r"kept' holds another sweep: its keep differ"
     ):
         again(keep=gain)
-    with pytest.raises(
-        SimulationError, match=r"kept' holds another sweep: its vary differ"
+    for changed, names in (
+        ({"gains": [-1.0]}, "vary"),
+        ({"duration": 2.0}, "duration"),
+        ({"step": 0.05}, "settings"),
+        ({"log": {"it": "x.y"}}, "log"),
+        ({"not_finite": "ignore"}, "not_finite"),
     ):
-        sweep(
-            decay(()),
-            1.0,
-            vary={"back.gain": [-1.0]},
-            keep={"end": end},
-            step=0.1,
-            path=tmp_path / "kept",
-        )
+        with pytest.raises(SimulationError, match=f"another sweep: its {names} differ"):
+            again(**changed)
     (tmp_path / "thesis.tex").touch()
     with pytest.raises(
         SimulationError,

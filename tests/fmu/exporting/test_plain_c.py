@@ -77,9 +77,9 @@ class Compiled:
         return found
 
 
-def check_equal(item, inputs, tmp_path, steps=200, **settings):
+def check_equal(item, inputs, tmp_path, steps=200):
     """Check the outputs against a session, bit by bit, with inputs that change in every step."""
-    source = export(item, tmp_path / "made.c", kind="c", step=TIME_STEP, **settings)
+    source = export(item, tmp_path / "made.c", kind="c", step=TIME_STEP)
     compiled = Compiled(source, *FLAGS)
     rng = np.random.default_rng(1)
     with Session(item, step=TIME_STEP) as session:

@@ -69,7 +69,7 @@ def test_damping_is_that_of_the_consistent_plant():
     assert not np.any(SpaceTruss.accurate(damping=0.0).parameters["damping_ratio"])
 
 
-def drifts(free_motion, truss, step, **settings):
+def drifts(free_motion, truss, step):
     """Return the drifts of the free, undamped plant in 0.1 s, deformed and tumbling [1]."""
     rng = np.random.default_rng(3)
     q = truss.dynamics.rest
@@ -77,7 +77,7 @@ def drifts(free_motion, truss, step, **settings):
     v = np.zeros(truss.n)
     q[truss.rigid : truss.rigid + 6] = rng.standard_normal(6) / 20
     v[: truss.rigid + 6] = rng.standard_normal(truss.rigid + 6) / 30
-    return free_motion(truss, 0.1, q, v, step=step, **settings).drifts
+    return free_motion(truss, 0.1, q, v, step=step).drifts
 
 
 def test_a_robot_on_condensed_shapes_conserves_energy_and_momentum(free_motion):

@@ -27,13 +27,9 @@ SAME_MODEL = 1e-6
 SOLVER_REPEATABILITY = 1e-9
 
 
-def modes_of(count, grasps, **changes):
+def modes_of(count, grasps):
     return reduced_modes(
-        paper_structure(**changes),
-        count,
-        list(grasps),
-        clamped=CLAMPED_FACE,
-        attachments=False,
+        paper_structure(), count, list(grasps), clamped=CLAMPED_FACE, attachments=False
     )
 
 

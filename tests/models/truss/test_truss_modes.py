@@ -6,8 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from scipy.integrate import solve_bvp
 
 from trussflow.models import ModelError, TrussModes
+from trussflow.models.truss.truss_modes import LINEAR_LIMIT
 
 TOLERANCE = 1e-12  # round-off of sums over 128 points
 
@@ -144,6 +146,25 @@ def test_unusable_files(modes, tmp_path, change, message):
     path.write_text(change(json.loads(path.read_text())))
     with pytest.raises(ModelError, match=message):
         TrussModes.load(path)
+
+
+def test_the_linear_range_is_where_a_cantilever_is_right_to_a_percent():
+    """The elastica under an end load, against linear theory, at a deflection of `LINEAR_LIMIT`."""
+    load = 3.0 * LINEAR_LIMIT  # P L^2 / (E I): the linear deflection is a third of it
+
+    def elastica(_, y):
+        angle, curvature, _, _ = y
+        along, across = np.cos(angle), np.sin(angle)
+        return np.stack([curvature, -load * along, along, across])
+
+    def clamped(start, end):
+        return np.array([start[0], start[2], start[3], end[1]])
+
+    s = np.linspace(0.0, 1.0, 21)
+    straight = np.stack([0 * s, 0 * s, s, 0 * s])
+    along, across = solve_bvp(elastica, clamped, s, straight, tol=1e-9).y[2:, -1]
+    assert LINEAR_LIMIT / across - 1.0 == pytest.approx(0.0102, abs=1e-4)
+    assert 1.0 - along == pytest.approx(0.6 * LINEAR_LIMIT**2, rel=0.02)
 
 
 def test_deflection_is_the_greatest_of_displacement_and_rotation(modes):

@@ -26,7 +26,7 @@ def jacobians(interface, x, u):
     return np.vstack(blocks)
 
 
-def check(one, interface, expected, tolerance=RELATIVE_TOLERANCE):
+def check(one, interface, expected):
     """Compare products with Jacobian and transpose, relative to the largest entry, for random seeds."""
     unknown = [*interface.variables.derivatives, *interface.variables.outputs]
     known = [*interface.variables.inputs, *interface.variables.states]
@@ -35,7 +35,7 @@ def check(one, interface, expected, tolerance=RELATIVE_TOLERANCE):
     )
     generator = np.random.default_rng(1)
     height, width = expected.shape
-    allowed = tolerance * np.abs(expected).max()
+    allowed = RELATIVE_TOLERANCE * np.abs(expected).max()
     for _ in range(4):
         seed = generator.uniform(-1, 1, width)
         sizes = () if one.scalar else (height,)
