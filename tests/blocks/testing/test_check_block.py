@@ -141,11 +141,6 @@ class NeverUsed(InPython):
         return {"y": ("u", "v")}
 
 
-class UnknownInput(InPython):
-    def feedthrough(self):
-        return {"y": ("w",)}
-
-
 class WrongSlope(InPython):
     def directional_derivative(self, kind, t, x, u, p, dx, du):
         return {"y": 3.0 * u.u * du.u}
@@ -242,11 +237,6 @@ FAULTS = (
         NeverUsed,
         "feedthrough",
         r"feedthrough: y depends on u, v; the values show less\. Let .* return \{'y': \('u',\)\}: unn",
-    ),
-    (
-        UnknownInput,
-        "feedthrough",
-        r"feedthrough\(\) of block 'UnknownInput' returned .* some of its inputs",
     ),
     (
         WrongSlope,
