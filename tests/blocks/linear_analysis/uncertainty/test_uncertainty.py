@@ -197,7 +197,7 @@ def test_deltas_beyond_one_are_refused():
 
 
 def test_the_bound_of_small_boxes_is_sharp():
-    """What the bound adds to the greatest gain falls with the square of the box: the first order is exact."""
+    """The excess over the greatest gain falls with the square of the box: the first order is exact."""
     box, _ = box_of(1)
     excess = []
     for width in (1e-2, 1e-3):
