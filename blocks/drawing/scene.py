@@ -179,7 +179,7 @@ def rows(
     if not (symbol.text or symbol.curve or symbol.pins):
         return [inputs, outputs]
     signs = dict(zip(block.inputs(), symbol.pins, strict=False))
-    named = [len(s) > 1 and symbol.outline != "circle" for s in (inputs, outputs)]
+    named = [len(s) > 1 and symbol.outline == "box" for s in (inputs, outputs)]
     return [
         [row._replace(name=signs.get(row.port, row.name * is_named)) for row in side]
         for side, is_named in zip((inputs, outputs), named, strict=True)
@@ -196,8 +196,11 @@ def figure_of(block: Block, symbol: Symbol, sides: list[list[Row]]) -> Figure:
     captions = symbol.caption.split("\n")
     captions = [*filter(None, [*captions, str(block._described().facts["sampled"])])]
     # Port arithmetic makes names such as multiply_1.
-    is_made = isinstance(block, Sum | Operation) and re.search(r"_\d+$", block.name)
-    name = "" if is_made else brief(block.name)
+    own = block.function.__name__ if isinstance(block, Operation) else "sum"
+    made = isinstance(block, Sum | Operation) and re.fullmatch(
+        rf"{own}_\d+", block.name
+    )
+    name = "" if made else brief(block.name)
     # `breadth` is for 11 px; names have 12 px, captions 9 px.
     below = max(breadth(name) * 12, *(breadth(line) * 9 for line in [*captions, ""]))
     below /= 11

@@ -22,7 +22,7 @@ from trussflow.blocks.drawing.scene import (
     height_of,
     scene_of,
 )
-from trussflow.blocks.framework.diagram import Diagram
+from trussflow.blocks.framework.diagram import Diagram, leaves
 from trussflow.blocks.framework.port import Port
 from trussflow.blocks.framework.symbol import Symbol
 from trussflow.blocks.support.texts import package_text
@@ -65,11 +65,10 @@ def view(scene: Scene) -> Iterator[str]:
         yield "</g>"
     for figure in scene.figures:
         box, block = figure.box, figure.block
+        sampled = any(leaf.sample_time is not None for leaf in leaves(block))
         yield f'<g class="block" data-path="{escape(block.path)}" '
         yield f'transform="translate({box.x:g},{box.y:g})"><title>{escape(block._described().head)}</title>'
-        yield from outlined(
-            figure, "box" if block.sample_time is None else "box sampled"
-        )
+        yield from outlined(figure, "box" + " sampled" * sampled)
         yield from inscribed(figure)
         for pin in (*box.sides[0], *box.sides[1]):
             yield from labelled(scene.pins[pin], pin, box)

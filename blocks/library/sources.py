@@ -121,10 +121,6 @@ class Step(Source):
 
     initial_value = Parameter(shape="shape", meaning="y_0: value before the step")
     final_value = Parameter(shape="shape", meaning="y_1: value from the step on")
-    _symbol = Symbol(
-        curve="M2 20h16V4h16",
-        caption="{initial_value} to {final_value} {unit} at {time} s",
-    )
 
     def __init__(
         self,
@@ -140,6 +136,15 @@ class Step(Source):
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the value before or after the step."""
         return {"y": np.where(t >= self.time, p.final_value, p.initial_value)}
+
+    @property
+    def _symbol(self) -> Symbol:
+        p = self.parameters
+        falls = np.all(p["final_value"] < p["initial_value"])
+        return Symbol(
+            curve="M2 4h16V20h16" if falls else "M2 20h16V4h16",
+            caption="{initial_value} to {final_value} {unit} at {time} s",
+        )
 
     def breakpoints(self) -> tuple[float, ...]:
         """Return the time of the step."""

@@ -65,9 +65,6 @@ class Relay(Shaped):
     lower = Parameter(shape=None, meaning="l: level at which it switches off")
     on = Parameter(shape=None, meaning="y_1: output while on")
     off = Parameter(shape=None, meaning="y_0: output while off")
-    _symbol = Symbol(
-        curve="M2 20h20V4M14 20V4h20", caption="{on} above {upper}\n{off} below {lower}"
-    )
 
     def __init__(
         self,
@@ -84,6 +81,14 @@ class Relay(Shaped):
         self.unit, self.start_on = unit, bool(start_on)
         super().__init__(
             shape, upper=upper, lower=upper if lower is None else lower, on=on, off=off
+        )
+
+    @property
+    def _symbol(self) -> Symbol:
+        falls = np.all(self.parameters["on"] < self.parameters["off"])
+        return Symbol(
+            curve="M2 4h20V20M14 4V20h20" if falls else "M2 20h20V4M14 20V4h20",
+            caption="{on} above {upper}\n{off} below {lower}",
         )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:

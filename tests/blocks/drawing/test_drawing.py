@@ -200,6 +200,11 @@ def test_sampled_blocks_are_coloured_with_their_rates():
     text = mixed().draw()
     assert text.count('class="box sampled"') == 2
     assert re.findall(">(every [^<]*)</text>", text) == ["every 0.5 s", "every 0.1 s"]
+    group = nested(1)
+    assert "box sampled" not in group.draw()
+    group.inner.gain.sampled(0.1)
+    # The outline of a group has two lines.
+    assert group.draw().count("box sampled") == 2
 
 
 def test_notebooks_show_the_diagram_of_an_error(monkeypatch):

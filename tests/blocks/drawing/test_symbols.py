@@ -193,15 +193,39 @@ def test_curve_of_a_table_and_no_caption_without_limits():
     assert not any("from" in text for text in drawn(Integrator()))
 
 
+@pytest.mark.parametrize("low, high", [(-1.0, 2.0), (2.0, -1.0)])
+def test_curves_of_steps_and_relays_rise_if_their_values_do(low, high):
+    for block in (
+        Step(initial_value=low, final_value=high),
+        Relay(1.0, 0.0, on=high, off=low),
+    ):
+        text = series("ends", own=block).draw()
+        (start, end) = re.findall(r'class="curve".* d="M2 (\d+)h\d+V(\d+)', text)[0]
+        # In SVG, y points down.
+        assert (int(start) > int(end)) == (high > low)
+
+
+def test_names_of_inputs_are_not_in_triangles():
+    diagram = Diagram("slices")
+    diagram.add(a=Constant(np.arange(2.0)), gain=Gain(3.0, shape=2))
+    diagram.a.y[0] >> diagram.gain.u[1]
+    diagram.a.y[1] >> diagram.gain.u[0]
+    text = diagram.draw()
+    assert ">3<" in text
+    assert "u[" not in text
+
+
 def test_names_of_port_arithmetic_are_in_tooltips_only():
     diagram = Diagram("arithmetic")
     a, b, end = diagram.add(a=Constant(1.0), b=Constant(2.0), sum_of=Gain(1.0))
     (2.0 * (a.y - b.y)) >> end.u
+    diagram.add(error_1=Sum("+-"))
     text = diagram.draw()
     for name, kind in (("sum_1", "Sum"), ("multiply_1", "Operation")):
         assert f">{name}<" not in text
         assert f"{name}: {kind}" in text
     assert ">sum_of<" in text
+    assert ">error_1<" in text
 
 
 def test_a_port_may_have_the_name_symbol():
