@@ -242,7 +242,6 @@ def _simulation(
 ) -> dict[str, Any]:
     """Return the data of the step algorithm of `steps` [-]; `p`, `x`, `d` are initial values [as declared]."""
     plan, tick = prepared.plan, prepared.tick
-    due = prepared.schedule.due(0, steps + 1)
     return {
         "tick": [tick.numerator, tick.denominator],
         "method": [*FIXED_STEP].index("rk4"),
@@ -254,8 +253,8 @@ def _simulation(
         "width": sum(c.port.size for c in prepared.channels),
         "kinds": plan.kinds.tolist(),
         "sides": plan.sides.span.start,
-        # Steps with sampled blocks, and the number of the set that is due.
-        "due": [(int(k), int(due[k])) for k in np.flatnonzero(due)],
+        # The set of clocks that ticks at each step.
+        "due": prepared.schedule.due(0, steps + 1).tobytes(),
         # Name, first and last index of the arrays in x and in d, for messages.
         "places": [
             [
@@ -280,12 +279,14 @@ def html(data: dict[str, Any], module: bytes | None) -> str:
     """
     text = partial(package_text, package="trussflow.blocks.live")
     engine = text("linear.js") + text("worker.js") if module else text("served.js")
+    # As JSON, a step with sampled blocks would take ten bytes.
+    due = data.pop("due")
     return page_text(
         "trussflow.blocks.live",
         data["name"],
         connect="" if module else "connect-src 'self'",
         data=script_json(data),
-        module=compressed(module or b""),
+        module=compressed(due + (module or b"")),
         worker=engine + text("queue.js"),
     )
 

@@ -5,11 +5,12 @@ const CHUNKS = 200; // of a run, between which new values are seen
 
 class Engine {
   static async of({ data, module }) {
-    const compiled = await WebAssembly.compile(module);
-    return new Engine(data, (await WebAssembly.instantiate(compiled, {})).exports);
+    const size = 2 * (data.steps + 1), compiled = await WebAssembly.compile(module.subarray(size));
+    const { exports } = await WebAssembly.instantiate(compiled, {});
+    return new Engine(data, module.subarray(0, size), exports);
   }
 
-  constructor(data, exports) {
+  constructor(data, due, exports) {
     this.data = data;
     this.c = exports;
     if (exports._initialize) exports._initialize();
@@ -31,12 +32,12 @@ class Engine {
       this.point = this.take(8 * (this.opened.length + x + 1));
       this.wire = this.take(8 * Math.max(x + 1, data.loop.size));
     }
-    const { due, every, steps, width } = data;
+    const { every, steps, width } = data;
     this.rows = Math.ceil(steps / every) + 1;
     this.due = this.take(2 * (steps + 1));
     this.logged = this.take(steps + 1);
     this.log = this.take(8 * width * (this.rows + 1));
-    for (const [k, set] of due) new Uint16Array(exports.memory.buffer, this.due)[k] = set;
+    new Uint8Array(exports.memory.buffer, this.due).set(due);
     for (let k = 0; k <= steps; k += every) new Uint8Array(exports.memory.buffer, this.logged)[k] = 1;
   }
 

@@ -18,12 +18,8 @@ from trussflow.models.plant.space_truss import SpaceTruss
 if TYPE_CHECKING:
     import xarray as xr
 
-FRAME_TIME = 0.02
-"""Least time between shown instants [s]."""
 MAX_NUMBERS = 2_500_000
 """Numbers per page if they compress well; longer runs are shown at fewer instants [-]."""
-MIN_INSTANTS = 51
-"""Shown instants of a short run, if logged [-]."""
 COORDINATE_BITS = 37
 """Mantissa bits of a coordinate in the picture, about ten decimal digits [-]."""
 SHOWN_DISPLACEMENT = 0.5
@@ -159,11 +155,10 @@ class Motion:
 
     def data(self, share: float) -> dict[str, Any]:
         """Return the data of the page, with a `share` of the numbers per page [-]."""
-        size, span = 3 * self.truss.robots, self.time[-1] - self.time[0]
+        size = 3 * self.truss.robots
         numbers = sum(variable[0].size for variable in self.signals.values())
         room = share * MAX_NUMBERS / (numbers + len(self.coordinates) + 2 * size)
-        frames = max(MIN_INSTANTS, span / FRAME_TIME + 1.5)
-        shown = spread(len(self.time), min(frames, room))
+        shown = spread(len(self.time), room)
         pushes = {
             name: self._values(port, size).reshape(-1, 3, len(self.time))
             for name, port in (("force", "base_force"), ("torque", "base_torque"))

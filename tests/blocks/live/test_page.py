@@ -128,6 +128,13 @@ def test_signals_of_one_unit_share_a_chart_and_arrays_have_their_own(tmp_path):
     assert found == [("", 1), ("m", 2), ("", 9)]
 
 
+def test_pages_of_sampled_blocks_are_small(tmp_path):
+    diagram = series(law=Gain(2.0).sampled(1e-3), state=Integrator())
+    diagram.ground(diagram.law.u)
+    _, file = made(diagram, tmp_path, duration=100.0, step=1e-3)
+    assert file.stat().st_size < 100_000
+
+
 def test_a_moved_slider_changes_the_charts(pid_page, window):
     window.open(pid_page)
     assert [url for url in window.requests if not url.startswith("blob:")] == [

@@ -22,7 +22,6 @@ from trussflow.models.robots.urdf_reading import Pose
 from trussflow.models.robots.visuals import Visual
 from trussflow.models.viewer import movie, page, replay, still
 from trussflow.models.viewer.__main__ import main
-from trussflow.models.viewer.motion import FRAME_TIME
 from trussflow.models.viewer.solids import MAX_TRIANGLES
 
 LARGEST = 4e6  # bytes of a page
@@ -131,7 +130,7 @@ def test_whatever_was_simulated_the_page_fits(
     time = found.head["time"]
     assert len(time) >= 2
     assert (time[0], time[-1]) == (run["time"][0], run["time"][-1])
-    assert found.size > 0.6 * largest or len(time) > run["time"][-1] / FRAME_TIME
+    assert found.size > 0.6 * largest or len(time) == len(run["time"])
 
 
 def test_what_cannot_fit_is_refused(truss, run, content, monkeypatch):
@@ -179,15 +178,15 @@ def test_fine_meshes_become_coarser_until_they_fit(truss, make_run, content, tmp
     )
 
 
-@pytest.mark.parametrize("duration, shown", [(0.04, 41), (1.0, 51)])
-def test_dense_logs_are_thinned_to_instants_that_were_logged(
-    truss, make_run, content, duration, shown
+@pytest.mark.parametrize("duration", [0.04, 2.0, 40.0])
+def test_charts_have_the_logged_instants_as_far_as_there_is_room(
+    truss, make_run, content, duration
 ):
-    """Short runs are shown as they were logged."""
+    """Fewer instants would show a fast vibration as a slow one."""
     run = make_run(truss, duration=duration, step=0.001)
     found = content(run, truss)
     time = found.head["time"]
-    assert len(time) == shown
+    assert len(time) == len(run["time"]) or found.size > 0.6 * LARGEST
     assert np.isin(time, run["time"]).all()
 
 
@@ -203,7 +202,7 @@ def test_long_runs_with_all_signals_fit(truss, make_run, content, rng):
     assert found.size < LARGEST
     time = found.head["time"]
     assert (time[0], time[-1]) == (0.0, 80.0)
-    assert np.diff(time).max() < 2.1 * FRAME_TIME
+    assert np.diff(time).max() < 0.042
 
 
 def half_written(run, folder):
