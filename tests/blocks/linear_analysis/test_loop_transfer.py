@@ -265,7 +265,7 @@ def test_margins_of_several_channels_need_slycot():
         loop_margins(spring_loop(), "plant.y")
 
 
-@pytest.mark.parametrize("loops", [5, campaign.only(60 * campaign.SIZE)])
+@pytest.mark.parametrize("loops", [5, campaign.only(15 * campaign.SIZE)])
 def test_disk_margins_are_never_above_a_scan(loops):
     rng = np.random.default_rng(campaign.SEED)
     while loops:

@@ -69,7 +69,7 @@ def gain(run):
 
 @pytest.mark.skipif(os.name != "posix", reason="kill -9")
 @pytest.mark.parametrize(
-    "number", [0, *(campaign.only(1 + k) for k in range(10 * campaign.SIZE))]
+    "number", [0, *(campaign.only(1 + k) for k in range(3 * campaign.SIZE))]
 )
 def test_a_sweep_that_is_killed_goes_on_where_it_was(number, tmp_path):
     finished, done = (

@@ -337,7 +337,7 @@ def traced(node):
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("number", [150, campaign.only(2000 * campaign.SIZE)])
+@pytest.mark.parametrize("number", [150, campaign.only(500 * campaign.SIZE)])
 def test_random_compositions_agree_or_are_refused(number):
     rng = np.random.default_rng(campaign.SEED)
     counts = Counter()
