@@ -53,7 +53,8 @@ class Channel:
 
     def values(self, *pieces: Vector) -> Vector:
         """Return the values of this channel in `pieces` of logged rows [as declared], joined along time."""
-        found = np.concatenate([rows[:, self.places] for rows in pieces])
+        places = self.places
+        found = np.concatenate([rows[:, places] for rows in pieces])
         return found.reshape(len(found), *self.port.elements().shape)
 
     def attributes(self) -> dict[str, str]:

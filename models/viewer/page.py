@@ -93,16 +93,16 @@ def replay(
                 f"cannot show a chart of '{name}': the run has {', '.join(names)}"
             )
 
+    fixed = {
+        "truss": geometry,
+        "target": goal,
+        "charted": shown,
+        "exaggeration": motion.exaggeration(),
+    }
+
     def content(room: float) -> str:
         """Return the page with a share `room` of the numbers of a page that compresses well."""
-        head = {
-            **motion.data(room),
-            "truss": geometry,
-            "target": goal,
-            "charted": shown,
-            "exaggeration": motion.exaggeration(),
-        }
-        return _text(title, head, sections or {})
+        return _text(title, {**motion.data(room), **fixed}, sections or {})
 
     room = 1.0
     while (
