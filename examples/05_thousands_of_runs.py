@@ -55,9 +55,9 @@ trajectory.acceleration >> control.reference_acceleration
 position >> control.position
 velocity >> control.velocity
 velocity >> observer.velocity
-wanted = control.feedforward + control.feedback
-wanted >> observer.nominal_acceleration
-(wanted - observer.disturbance_estimate) >> demand >> limit
+(control.feedforward + control.feedback - observer.disturbance_estimate) >> demand
+demand >> limit
+(limit.y / 577.3) >> observer.nominal_acceleration
 (limit.y + pull.y) >> mass >> velocity >> position
 loop.draw("axis.svg")
 

@@ -27,7 +27,8 @@ class DisturbanceObserver(Shaped):
         \hat d = L v + z, \qquad \dot z = -L \hat d - L a
 
     so that :math:`\dot{\hat d} = L (d - \hat d)`: a first-order lag, with an ultimate error
-    of at most ξ/L where :math:`\|\dot d\| \le \xi`. The estimate starts at zero.
+    of at most ξ/L where :math:`\|\dot d\| \le \xi`. The estimate starts at zero. Where it is compensated, the
+    known acceleration a contains the compensation; without it the estimate of a constant d settles at d/2.
 
     Parameters
     ----------
@@ -52,14 +53,16 @@ class DisturbanceObserver(Shaped):
 
     velocity = Input(INFERRED, unit=VELOCITY_UNIT, meaning="measured velocity")
     nominal_acceleration = Input(
-        INFERRED, unit=ACCELERATION_UNIT, meaning="known part of the acceleration"
+        INFERRED,
+        unit=ACCELERATION_UNIT,
+        meaning="a: known part of the acceleration, compensation included",
     )
     disturbance_estimate = Output(
         INFERRED, unit=ACCELERATION_UNIT, meaning="estimated disturbance acceleration"
     )
     z = State(INFERRED, meaning="estimate less gain times velocity")
     gain = Parameter(shape=None, above=0.0, unit="1/s", meaning="L: bandwidth")
-    _symbol = Symbol("z + {gain:L} v\nż = −{gain:L} (z + {gain:L} v + a)")
+    _symbol = Symbol("d̂ = z + {gain:L} v\nż = −{gain:L} (d̂ + a)")
 
     def __init__(
         self, gain: npt.ArrayLike, *, unit: Unit = None, shape: ShapeLike = None

@@ -152,7 +152,9 @@ class IntegralSlidingMode(SlidingMode):
         shape=None, minimum=0.0, unit="1/s", meaning="σ: linear reaching gain"
     )
     boundary_layer = Parameter(above=0.0, meaning="ι: boundary layer")
-    _symbol = Symbol("ẍ_d − γ sgn^(β)ė − μ sgn^(β′)e\n− η s/‖s‖ − σ s")
+    _symbol = Symbol(
+        "ẍ_d − {gamma:γ} sgn^(β)ė − {mu:μ} sgn^(β′)e\n− {eta:η} s/‖s‖ − {sigma:σ} s"
+    )
 
     def __init__(
         self,

@@ -179,7 +179,8 @@ def rows(
     if not (symbol.text or symbol.curve or symbol.pins):
         return [inputs, outputs]
     signs = dict(zip(block.inputs(), symbol.pins, strict=False))
-    named = [len(s) > 1 and symbol.outline == "box" for s in (inputs, outputs)]
+    ports = (block.inputs(), block.outputs())
+    named = [len(side) > 1 and symbol.outline == "box" for side in ports]
     return [
         [row._replace(name=signs.get(row.port, row.name * is_named)) for row in side]
         for side, is_named in zip((inputs, outputs), named, strict=True)

@@ -122,7 +122,7 @@ def value_text(value: Any, large: str = "") -> str:
     text = f"[{'; '.join(rows)}]" if array.ndim < 3 else ""
     if 0 < len(text) <= MAX_VALUE_LENGTH:
         return text
-    return large or f"{array.size} values"
+    return large or f"{'×'.join(map(str, array.shape))} values"
 
 
 def number(value: float) -> str:
@@ -211,7 +211,8 @@ def _body(function: Callable[..., Any]) -> list[ast.stmt]:
     except SyntaxError:
         return []
     for node in ast.walk(tree):
-        if getattr(node, "lineno", 0) != code.co_firstlineno:
+        first = next(iter(getattr(node, "decorator_list", ())), node)
+        if getattr(first, "lineno", 0) != code.co_firstlineno:
             continue
         if isinstance(node, ast.Lambda):
             found.append([ast.Return(node.body)])

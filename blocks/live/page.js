@@ -268,6 +268,5 @@ function update(time) {
 }
 
 window.onhashchange = () => { recall(); ask(); };
-matchMedia("(prefers-color-scheme: dark)").onchange = () => { redraw(); bode(); };
 recall();
 begin().catch((error) => trouble(`This page cannot simulate: ${error}`));

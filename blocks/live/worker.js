@@ -1,4 +1,3 @@
-"use strict";
 // The worker of a live page: runs the compiled equations, so that the page never waits for them.
 
 const CHUNKS = 200; // of a run, between which new values are seen

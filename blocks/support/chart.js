@@ -63,11 +63,7 @@ const shareOf = (value, low, high, log) =>
   (log ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low));
 const valueAt = (share, low, high, log) => (log ? low * (high / low) ** share : low + (high - low) * share);
 
-function bytesOf(text) {
-  const letters = atob(text), bytes = new Uint8Array(letters.length);
-  for (let i = 0; i < letters.length; ++i) bytes[i] = letters.charCodeAt(i);
-  return bytes;
-}
+const bytesOf = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 
 /** Reviver of JSON.parse: packed arrays become numbers, or lists of rows. */
 function unpacked(_, value) {

@@ -1,8 +1,7 @@
 // The page of a run: the picture in space, and charts on the same axis of time.
-"use strict";
 
 class Page {
-  constructor(head, camera) {
+  constructor(head) {
     Object.assign(this, head, { charts: [], start: head.time[0], end: head.time.at(-1) });
     this.t = this.start;
     const changed = (all) => this.charts.forEach((chart) => (all ? chart.draw() : chart.mark()));
@@ -11,7 +10,7 @@ class Page {
     const instants = Array.from({ length: 21 }, (_, k) => this.start + ((this.end - this.start) * k) / 20);
     const cloud = instants.map((t) => Scene3d.posed(this.truss, this.state(t)));
     const target = this.target && Scene3d.stateOf(this.ends, this.target);
-    const options = { target, longest: this.longest, camera, cloud };
+    const options = { target, longest: this.longest, cloud };
     this.scene = new Scene3d.Scene($("picture"), this.truss, this.state(this.t), options);
   }
 
@@ -60,8 +59,8 @@ class Page {
   chart(name) { // of a signal that the reader may change
     const select = element("select"), place = element("div"), number = this.charts.length;
     select.ariaLabel = "signal";
-    choices(select, this.signals.map((one) =>
-      [one.name, one.name.replaceAll("_", " ") + (one.units && ` [${one.units}]`)]));
+    select.append(...this.signals.map(({ name, units }) =>
+      new Option(name.replaceAll("_", " ") + (units && ` [${units}]`), name)));
     select.value = name;
     $("charts").append(select, place);
     select.onchange = () => {
@@ -78,9 +77,6 @@ class Page {
 
 // ---- its controls
 
-const choices = (select, named) =>
-  select.append(...Array.from(named, ([value, text]) => new Option(text, value)));
-
 function listen(page) {
   player($("play"), (passed) => {
     page.show(page.t >= page.end ? page.start : page.t + passed * Number($("speed").value));
@@ -88,33 +84,24 @@ function listen(page) {
   });
   $("time").oninput = () => page.show(Number($("time").value));
   $("exaggeration").oninput = () => page.show(page.t);
-  $("camera").onchange = () => page.scene.look($("camera").value);
-  $("follow").onchange = () => page.scene.follow($("follow").value);
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
-    page.legend();
-    page.scene.draw();
-    page.view.changed(true);
-  });
+  $("camera").onchange = $("follow").onchange = () => page.scene.look($("camera").value, $("follow").value);
 }
 
 async function begin() {
   const asked = new URLSearchParams(location.hash.slice(1));
   const head = JSON.parse(new TextDecoder().decode(await inflated("head")), unpacked);
-  const cameras = Object.keys(Scene3d.CAMERAS), camera = asked.get("camera") ?? "oblique";
   if (asked.has("still")) { // a picture of so many pixels height, and nothing else
     document.body.className = "still";
     $("left").style.height = `${asked.get("still")}px`;
   }
-  choices($("camera"), cameras.map((name) => [name, name]));
-  choices($("follow"), [["nothing", "nothing"], ["truss", "truss"]]);
-  $("camera").value = camera;
+  $("camera").value = asked.get("camera") ?? "oblique";
   $("exaggeration").value = asked.get("exaggeration") ?? head.exaggeration;
-  const page = new Page(head, camera), t = Number(asked.get("t") ?? page.start);
+  const page = new Page(head), t = Number(asked.get("t") ?? page.start);
   if (!(page.start - 1e-6 <= t && t <= page.end + 1e-6))
     throw new Error(`there is no t = ${asked.get("t")} s, the run is from ${page.start} to ${page.end} s`);
   page.t = t;
   $("follow").value = asked.get("follow") ?? (page.scene.lost ? "truss" : "nothing");
-  page.scene.followed = $("follow").value;
+  page.scene.look($("camera").value, $("follow").value);
   // The arrow keys move the slider by one instant of the picture.
   const step = (page.end - page.start) / (page.time.length - 1);
   Object.assign($("time"), { min: page.start, max: page.end, step });

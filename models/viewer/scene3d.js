@@ -204,14 +204,14 @@ const Scene3d = (() => {
   class Scene {
     // The first `state` has force and torque of the bases; `cloud` are poses that the picture shows,
     // `longest` is the largest force and torque.
-    constructor(box, truss, state, { target, cloud = [], longest = {}, camera = "oblique" }) {
+    constructor(box, truss, state, { target, cloud = [], longest = {}, followed = "nothing" }) {
       this.element = box;
       this.canvas = box.appendChild(element("canvas"));
       box.style.position = "relative";
       this.canvas.style.cssText = "position:absolute;inset:0;width:100%;height:100%;touch-action:pinch-zoom";
       this.gl = this.canvas.getContext("webgl2", { antialias: true });
       if (!this.gl) throw new Error("the browser has no WebGL 2; allow hardware or software rendering");
-      Object.assign(this, { truss, longest, state, followed: "nothing", hidden: new Set() });
+      Object.assign(this, { truss, longest, state, hidden: new Set() });
       this.goal = target && posed(truss, target, 0);
       this.pose = posed(truss, state);
       const { half, rod } = radiiOf(truss);
@@ -224,7 +224,7 @@ const Scene3d = (() => {
       this.bounds = [0, 1, 2].map((k) =>
         this.cloud.map((point) => point[k]).reduce(extent, [Infinity, -Infinity]));
       this.prepare();
-      this.look(camera);
+      this.look("oblique", followed);
       this.listen();
     }
 
@@ -266,29 +266,20 @@ const Scene3d = (() => {
           const up = Math.max(-Math.PI / 2, elevation + 0.008 * y);
           this.angles = [azimuth - 0.008 * x, Math.min(Math.PI / 2, up)];
         }
-        this.redraw();
+        this.draw();
       };
       canvas.onwheel = (event) => {
         event.preventDefault();
         this.zoom = Math.min(20, Math.max(0.02, this.zoom * Math.exp(0.001 * event.deltaY)));
-        this.redraw();
+        this.draw();
       };
-      canvas.ondblclick = () => this.look(this.camera);
+      canvas.ondblclick = () => this.look(this.camera, this.followed);
       new ResizeObserver(() => this.draw()).observe(this.element); // at once, before the frame of the new size
     }
 
-    redraw() { // once per frame of the screen
-      this.asked ??= requestAnimationFrame(() => { this.asked = undefined; this.draw(); });
-    }
-
-    look(camera) {
-      Object.assign(this, { camera, angles: CAMERAS[camera], zoom: 1, moved: [0, 0, 0] });
-      this.redraw();
-    }
-
-    follow(followed) { // "nothing" or "truss"
-      this.followed = followed;
-      this.look(this.camera);
+    look(camera, followed) { // "nothing" or "truss"
+      Object.assign(this, { camera, followed, angles: CAMERAS[camera], zoom: 1, moved: [0, 0, 0] });
+      this.draw();
     }
 
     show(state, scale = 1) {
@@ -452,9 +443,8 @@ const Scene3d = (() => {
     return {
       mount(box) {
         box.style.height = "26rem";
-        const options = { target: target && stateOf(ends, target), longest };
+        const options = { target: target && stateOf(ends, target), longest, followed: "truss" };
         scene = new Scene(box, truss, stateOf(ends, start), options);
-        scene.followed = "truss";
       },
       update(_, signals) {
         const [coordinates, force, torque] = names.map((name) => Array.from(signals[name] ?? []));
@@ -467,5 +457,5 @@ const Scene3d = (() => {
     };
   }
 
-  return { Scene, panel, posed, stateOf, CAMERAS, near };
+  return { Scene, panel, posed, stateOf, near };
 })();
