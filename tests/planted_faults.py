@@ -80,7 +80,7 @@ FAULTS = (
           "p.beta / (2.0 - p.beta)", "p.beta"),
     Fault("blocks/tracing/compiler.py", "tests/blocks/tracing/test_compiler_cache.py",
           "the cache key ignores the compiler",
-          "(*identity(compiler), *FLAGS, content)", "(*FLAGS, content)"),
+          "(*identity(compiler), *flags, content)", "(*flags, content)"),
     Fault("blocks/tracing/memoized.py", "tests/blocks/tracing/test_memoized.py",
           "callers share a memoized array",
           "deepcopy(found[2])", "found[2]"),

@@ -75,6 +75,11 @@ def _found(*commands: str) -> tuple[str, ...] | None:
     return (sys.executable, "-m", "ziglang", "cc")
 
 
+def with_chosen(flags: Sequence[str]) -> tuple[str, ...]:
+    """Return compiler options `flags`, and those of $TRUSSFLOW_CFLAGS, which outrank them."""
+    return (*flags, *os.environ.get("TRUSSFLOW_CFLAGS", "").split())
+
+
 def compile_library(
     content: str, sources: Callable[[], Sequence[str]], functions: Sequence[str] = ()
 ) -> Path:
@@ -111,9 +116,10 @@ def compile_library(
         for name in functions:
             getattr(loaded, name)
 
+    flags = with_chosen(FLAGS)
     try:
-        key = "\0".join((*identity(compiler), *FLAGS, content))
-        return cached(key, ".so", lambda: _build(compiler, sources()), load)
+        key = "\0".join((*identity(compiler), *flags, content))
+        return cached(key, ".so", lambda: _build(compiler, sources(), flags), load)
     except OSError as error:
         raise CompilationError(f"cannot compile {with_place(error)}") from error
 
@@ -245,7 +251,7 @@ def lanes() -> int:
 def _build(
     compiler: tuple[str, ...],
     sources: Sequence[str],
-    flags: Sequence[str] = FLAGS,
+    flags: Sequence[str],
     linking: Sequence[str] = ("-shared",),
 ) -> bytes:
     """Compile files in parallel in a temporary folder, and return the bytes of the library.

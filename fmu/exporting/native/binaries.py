@@ -19,7 +19,12 @@ from trussflow.blocks.support.progress import map_counted
 from trussflow.blocks.support.temporary_folders import process_folder
 from trussflow.blocks.support.validation import one_of
 from trussflow.blocks.tracing.compile_cache import cached
-from trussflow.blocks.tracing.compiler import compiled, find_compiler, identity
+from trussflow.blocks.tracing.compiler import (
+    compiled,
+    find_compiler,
+    identity,
+    with_chosen,
+)
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.native.source import Source
 
@@ -201,14 +206,15 @@ def _object(
     command: tuple[str, ...], text: str, flags: tuple[str, ...], name: str
 ) -> Path:
     """Return the object file of a C file, compiled or from the cache."""
-    key = "\0".join((*identity(command), *COMPILER_FLAGS, *flags, text))
+    flags = with_chosen((*COMPILER_FLAGS, *flags))
+    key = "\0".join((*identity(command), *flags, text))
 
     def build() -> bytes:
         with tempfile.TemporaryDirectory(dir=process_folder()) as folder:
             file = Path(folder) / name
             file.write_text(text, encoding="utf-8")
             return compiled(
-                [*command, *COMPILER_FLAGS, *flags, "-c", str(file)],
+                [*command, *flags, "-c", str(file)],
                 file.with_suffix(".o"),
             ).read_bytes()
 

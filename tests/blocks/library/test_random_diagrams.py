@@ -119,6 +119,20 @@ def test_random_diagrams_run_alike_or_are_refused(part):
     assert found["ran"] > found.total() / 2
 
 
+@pytest.mark.campaign
+def test_optimization_by_the_compiler_changes_no_bit(monkeypatch):
+    """Ordinary tests compile without it."""
+    found = {}
+    for flags in ("-O0", "-O1", ""):
+        monkeypatch.setenv("TRUSSFLOW_CFLAGS", flags)
+        runs = [run(build(seed), seed, "compiled") for seed in seeds(0)]
+        found[flags] = [
+            (how, [v.tobytes() for v in all_of.values()]) for how, all_of in runs
+        ]
+    assert sum(how == "ran" for how, _ in found[""]) > DIAGRAM_COUNT / 2
+    assert found["-O0"] == found["-O1"] == found[""]
+
+
 def goes_on(seed, file):
     """Save the diagram of a seed on the way, and go on from the file; return how that went."""
     diagram, r = build(seed), random.Random(seed)

@@ -37,8 +37,8 @@ def library(folder):
     return next(f for f in (folder / "binaries").rglob("*") if f.is_file())
 
 
-def test_the_plant_is_valid_and_small(plant_fmu):
-    assert validate_fmu(str(plant_fmu)) == []
+@pytest.mark.campaign
+def test_the_plant_is_small(plant_fmu):
     with zipfile.ZipFile(plant_fmu) as archive:
         binary = next(
             i for i in archive.infolist() if i.filename.startswith("binaries")

@@ -6,6 +6,7 @@ import campaign
 import numpy as np
 import pytest
 from fmpy import simulate_fmu
+from fmpy.validation import validate_fmu
 from systems import assert_near, series, simulate_block
 
 from trussflow.blocks import Constant, Gain, Integrator, Step
@@ -27,6 +28,7 @@ def test_plant_co_simulation_equals_in_process_rk4(plant, plant_fmu, instance):
 
     Ten times as much makes joints spin so fast that they grow to 1.1e-10 in speeds.
     """
+    assert validate_fmu(str(plant_fmu)) == []
     force = np.random.default_rng(5).uniform(-0.1, 0.1, 52)
     expected = in_process(plant, force, 0.1)
     one = instance(plant_fmu).start({"actuation": force})
