@@ -41,7 +41,9 @@ class PD(Tracking):
     force = Output(INFERRED, unit=Attribute("force_unit"), meaning="commanded force")
     proportional_gain = Parameter(shape=None, minimum=0.0, meaning="k_p")
     derivative_gain = Parameter(shape=None, minimum=0.0, meaning="k_d")
-    _symbol = Symbol("−{proportional_gain:k_p} e − {derivative_gain:k_d} ė")
+    _symbol = Symbol(
+        "−{proportional_gain:k_p} e − {derivative_gain:k_d} ė", caption="e = x − x_d"
+    )
 
     def __init__(
         self,

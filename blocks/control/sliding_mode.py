@@ -153,7 +153,8 @@ class IntegralSlidingMode(SlidingMode):
     )
     boundary_layer = Parameter(above=0.0, meaning="ι: boundary layer")
     _symbol = Symbol(
-        "ẍ_d − {gamma:γ} sgn^(β)ė − {mu:μ} sgn^(β′)e\n− {eta:η} s/‖s‖ − {sigma:σ} s"
+        "ẍ_d − {gamma:γ} sgn^(β)ė − {mu:μ} sgn^(β′)e\n− {eta:η} s/‖s‖ − {sigma:σ} s",
+        caption="e = x − x_d, s = ė + ∫(γ sgn^(β)ė + μ sgn^(β′)e) dt",
     )
 
     def __init__(
@@ -238,7 +239,9 @@ class ConventionalSlidingMode(SlidingMode):
     )
     eta = Parameter(shape=None, minimum=0.0, meaning="η: switching gain")
     boundary_layer = Parameter(shape=None, minimum=0.0, meaning="ι: boundary layer")
-    _symbol = Symbol("ẍ_d − {slope:λ} ė − {eta:η} sgn(s)\ns = ė + {slope:λ} e")
+    _symbol = Symbol(
+        "ẍ_d − {slope:λ} ė − {eta:η} sgn(s)\ns = ė + {slope:λ} e", caption="e = x − x_d"
+    )
 
     def __init__(
         self,

@@ -179,8 +179,11 @@ def rows(
     if not (symbol.text or symbol.curve or symbol.pins):
         return [inputs, outputs]
     signs = dict(zip(block.inputs(), symbol.pins, strict=False))
-    ports = (block.inputs(), block.outputs())
-    named = [len(side) > 1 and symbol.outline == "box" for side in ports]
+    # Equations contain the names of ports; a formula does not.
+    sides = (
+        (block.inputs(), block.outputs()) if "=" in symbol.text else (inputs, outputs)
+    )
+    named = [len(side) > 1 and symbol.outline == "box" for side in sides]
     return [
         [row._replace(name=signs.get(row.port, row.name * is_named)) for row in side]
         for side, is_named in zip((inputs, outputs), named, strict=True)

@@ -152,7 +152,7 @@ def with_a_loop(u):
         (Function(two_lines), ["double = 2·u", "double + u"]),
         (Function(with_a_loop), ["with_a_loop(u)"]),
         (Function(eval("lambda u: u")), ["f(u)"]),
-        (DisturbanceObserver(2.0), ["z + 2 v", "ż = −2 (z + 2 v + a)"]),
+        (DisturbanceObserver(2.0), ["d̂ = z + 2 v", "ż = −2 (d̂ + a)"]),
         (PD(3.0, 2.0), ["−3 e − 2 ė"]),
         (Operation(np.subtract, 3.0, Input()), ["3 − u"]),
         (Operation(np.divide, Input(), Input()), ["u1 / u2", "u1", "u2"]),
