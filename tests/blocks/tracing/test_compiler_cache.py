@@ -29,9 +29,9 @@ def builds(monkeypatch):
     found = []
     build = compiler._build
 
-    def counted(command, sources):
+    def counted(command, sources, flags):
         found.append("".join(sources))
-        return build(command, sources)
+        return build(command, sources, flags)
 
     monkeypatch.setattr(compiler, "_build", counted)
     return found
@@ -67,6 +67,21 @@ def test_compiler_flags_and_processor_are_part_of_the_name(
     compiler.identity.cache_clear()
     assert library_of(SOURCE) != first
     assert len(builds) == 2
+
+
+@pytest.mark.usefixtures("cache")
+def test_options_of_the_user_are_the_last_ones_and_part_of_the_name(monkeypatch):
+    used = []
+    whole = compiler.compiled
+    monkeypatch.setattr(
+        compiler,
+        "compiled",
+        lambda command, file: used.append(command) or whole(command, file),
+    )
+    first = library_of(SOURCE)
+    monkeypatch.setenv("TRUSSFLOW_CFLAGS", "-O1 -g")
+    assert library_of(SOURCE) != first
+    assert used[-2][used[-2].index("-fPIC") + 1 :][:2] == ["-O1", "-g"]
 
 
 @pytest.mark.parametrize(
