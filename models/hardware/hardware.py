@@ -319,7 +319,7 @@ class Hardware:
             unless `gyroscopic` is off, `rates`, the `actuator_rates` of the truss. Outputs: `actuation` of the
             truss; `ordered`, thrusts of healthy thrusters and commanded torques, with a servo the expected
             joint torques; with a servo also `servo_torque`, its mean joint torques in the last sample time
-            without the commands; `propellant` used by each base; with wheels their `momentum`, in base axes.
+            without the commands; `propellant` by the orders to each base; with wheels their `momentum`, in base axes.
 
         Raises
         ------

@@ -81,8 +81,9 @@ class ThrusterSet(Diagram):
     Notes
     -----
     Ports: `demand`, the commanded wrench; `effectiveness`, the health from 0 (failed) to 1 (default);
-    `thrust`; `wrench`; `ordered`, the wrench of healthy thrusters; and `propellant` used, with
-    :math:`\dot m = \sum f / (I_{sp} g_0)`. The modulation does not depend on the health.
+    `thrust`; `wrench`; `ordered`, the wrench of healthy thrusters; and the `propellant` that these would
+    use, with :math:`\dot m = \sum f / (I_{sp} g_0)`: a spacecraft counts what it orders, as tanks have no
+    gauge in weightlessness. The modulation does not depend on the health.
 
     Thrusters in opposed pairs use the least possible propellant. Others use more, because each component
     of the wrench is made separately: 2.5 times as much for 16 scattered ones (median over wrenches).
@@ -257,7 +258,7 @@ class ThrusterSet(Diagram):
             thrust,
             self.matrix @ thrust,
             self.matrix @ valves,
-            np.sum(thrust) / self.exhaust_speed,
+            np.sum(valves) / self.exhaust_speed,
         )
 
 

@@ -87,8 +87,8 @@ def test_a_base_and_joints_fail_at_the_time_set(truss):
     bases = after[:24].reshape(4, 6)
     assert_near(bases, np.outer([0.2, 0, 0.2, 0.1], np.ones(6)), 1e-12)
     assert_near(after[24:], 0.2 * joints, 1e-12)
-    used = result["propellant"].values
-    assert used[-1, 1] == pytest.approx(used[50, 1], rel=1e-12)
+    used = result["propellant"].values[-1]  # as ordered, since nothing measures it
+    assert used == pytest.approx(used[0], rel=1e-12)
 
 
 def test_thrusters_make_up_for_unloading(truss):

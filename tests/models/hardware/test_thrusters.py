@@ -153,8 +153,9 @@ def test_effectiveness_scales_thrust_and_kills():
     )
     assert_near(result["wrench"][1:10, 1], 0.2, ROUND_OFF)
     assert abs(result["wrench"][10:]).max() == 0.0
+    # Counted from the orders: 0.4 N for 2 s.
     assert result["propellant"][-1] == pytest.approx(
-        1.0 * 0.2 / (70.0 * 9.80665), rel=1e-9
+        2.0 * 0.4 / (70.0 * 9.80665), rel=1e-9
     )
 
 
