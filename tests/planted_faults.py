@@ -395,6 +395,7 @@ def run(copy, tests):
         name: value for name, value in os.environ.items() if name != "PYTEST_ADDOPTS"
     }
     environment["PYTHONPATH"] = str(copy)  # found before the editable installation
+    environment["TRUSSFLOW_CFLAGS"] = "-O0"  # as `make test`
     paths = f"pythonpath=tests {copy}/studies {copy}/studies/modes"
     options = ["-x", "-q", "-p", "no:cacheprovider", "-o", paths]
     command = [sys.executable, "-m", "pytest", *options, *tests.split()]
