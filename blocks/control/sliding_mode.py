@@ -154,7 +154,7 @@ class IntegralSlidingMode(SlidingMode):
     boundary_layer = Parameter(above=0.0, meaning="ι: boundary layer")
     _symbol = Symbol(
         "ẍ_d − {gamma:γ} sgn^(β)ė − {mu:μ} sgn^(β′)e\n− {eta:η} s/‖s‖ − {sigma:σ} s",
-        caption="e = x − x_d, s = ė + ∫(γ sgn^(β)ė + μ sgn^(β′)e) dt",
+        caption="e = x − x_d, s = ė + ∫({gamma:γ} sgn^(β)ė + {mu:μ} sgn^(β′)e) dt",
     )
 
     def __init__(

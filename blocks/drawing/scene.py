@@ -21,7 +21,7 @@ from trussflow.blocks.framework.arithmetic import Operation, Sum
 from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Port
-from trussflow.blocks.framework.symbol import Symbol
+from trussflow.blocks.framework.symbol import Symbol, brief
 from trussflow.blocks.support.validation import shown
 
 LETTER_WIDTH = 6.7
@@ -41,9 +41,6 @@ SYMBOL_MARGIN = 5.0
 
 MAX_INNER_WIDTH = 110.0
 """Largest width of a text next to names of ports [px]; a wider one is below the block."""
-
-MAX_NAME_LENGTH = 28
-"""Largest number of letters of a name; the tooltip has the complete name."""
 
 RAISED = re.compile(r"\^\((.*?)\)")
 """Pattern of superscripts."""
@@ -121,11 +118,6 @@ class Scene(NamedTuple):
     edges: list[Box]
     width: float
     height: float
-
-
-def brief(name: str) -> str:
-    """Return a name, shortened if it is too long."""
-    return name if len(name) <= MAX_NAME_LENGTH else f"{name[: MAX_NAME_LENGTH - 1]}…"
 
 
 def breadth(text: str) -> float:

@@ -14,7 +14,7 @@ from trussflow.blocks.framework.block import Block
 from trussflow.blocks.framework.connection_check import overlap, same, unite
 from trussflow.blocks.framework.netlist import Netlist
 from trussflow.blocks.framework.port import Port, is_port, port_text
-from trussflow.blocks.framework.symbol import Symbol, wrapped
+from trussflow.blocks.framework.symbol import Symbol, brief, wrapped
 from trussflow.blocks.support.call_site import call_site
 from trussflow.blocks.support.files import written
 from trussflow.blocks.support.summary import Description
@@ -463,7 +463,7 @@ class Diagram(Netlist):
 
     @property
     def _symbol(self) -> Symbol:
-        names = wrapped(", ".join(self.blocks))
+        names = wrapped(", ".join(map(brief, self.blocks)))
         many = f"{len(self.blocks)} blocks"
         return Symbol(caption=many if len(names) > 2 else "\n".join(names))
 

@@ -25,6 +25,9 @@ MAX_VALUE_LENGTH, MAX_POLYNOMIAL_LENGTH = 22, 40
 NO_LIMIT = 1e100
 """Magnitude from which numbers are drawn as infinite [any]."""
 
+MAX_NAME_LENGTH = 28
+"""Largest number of letters of a name; the tooltip has the complete name."""
+
 MAX_EQUATION_LENGTH, MAX_EQUATIONS = 48, 10
 """Largest number of letters of a line of equations, and of lines."""
 
@@ -194,6 +197,11 @@ def equations(function: Callable[..., Any], form: str = "") -> list[str]:
     return [] if is_private or len(lines) > MAX_EQUATIONS else lines
 
 
+def brief(name: str) -> str:
+    """Return a name, shortened if it is too long."""
+    return name if len(name) <= MAX_NAME_LENGTH else f"{name[: MAX_NAME_LENGTH - 1]}…"
+
+
 def wrapped(*texts: str) -> list[str]:
     """Return the lines of `texts`, each of moderate length."""
     settings: dict[str, Any] = {"subsequent_indent": "  ", "break_long_words": False}
@@ -204,7 +212,8 @@ def wrapped(*texts: str) -> list[str]:
 def _body(function: Callable[..., Any]) -> list[ast.stmt]:
     """Return the statements of a function; an empty list if its text is not known."""
     code, found = getattr(function, "__code__", None), list[list[ast.stmt]]()
-    if code is None:
+    # The body of a wrapper calls a function that the picture does not contain.
+    if code is None or hasattr(function, "__wrapped__"):
         return []
     try:
         tree = _parsed("".join(linecache.getlines(code.co_filename)))
@@ -212,7 +221,9 @@ def _body(function: Callable[..., Any]) -> list[ast.stmt]:
         return []
     for node in ast.walk(tree):
         first = next(iter(getattr(node, "decorator_list", ())), node)
-        if getattr(first, "lineno", 0) != code.co_firstlineno:
+        # Of an edited file, the line may contain another function.
+        place = getattr(first, "lineno", 0), getattr(node, "name", "<lambda>")
+        if place != (code.co_firstlineno, code.co_name):
             continue
         if isinstance(node, ast.Lambda):
             found.append([ast.Return(node.body)])

@@ -196,6 +196,8 @@ def test_nested_diagrams_are_drawn_by_themselves():
     for picture, notes in ((diagram.draw(), ["gain"]), (diagram.inner.draw(), [])):
         assert len(re.findall(r'class="name [^>]*>gain<', picture)) == 1
         assert re.findall(r'class="note [^>]*>([^<]*)<', picture) == notes
+    diagram.inner.add(LONG_NAME, Gain(2.0))
+    assert f">gain, {LONG_NAME[:27]}…<" in diagram.draw()
 
 
 def test_sampled_blocks_are_coloured_with_their_rates():

@@ -1,5 +1,6 @@
 """Symbols of blocks: numbers, polynomials and texts say what the block computes."""
 
+import functools
 import re
 import xml.etree.ElementTree as ET
 
@@ -20,6 +21,7 @@ from trussflow.blocks import (
     Function,
     Gain,
     Input,
+    IntegralSlidingMode,
     Integrator,
     Operation,
     Output,
@@ -118,6 +120,16 @@ def with_a_loop(u):
     return u
 
 
+@functools.wraps(one_line)
+def doubled(u):
+    return 2.0 * one_line(u)
+
+
+@(lambda function: function)
+def decorated(u):
+    return 3.0 * u + 1.0
+
+
 @pytest.mark.parametrize(
     "block, texts",
     [
@@ -151,9 +163,17 @@ def with_a_loop(u):
         (Function(one_line), ["u − sin(u)"]),
         (Function(two_lines), ["double = 2·u", "double + u"]),
         (Function(with_a_loop), ["with_a_loop(u)"]),
+        (Function(decorated), ["3·u + 1"]),
+        (Function(doubled), ["one_line(u)"]),
         (Function(eval("lambda u: u")), ["f(u)"]),
         (DisturbanceObserver(2.0), ["d̂ = z + 2 v", "ż = −2 (d̂ + a)"]),
         (PD(3.0, 2.0), ["−3 e − 2 ė"]),
+        (
+            IntegralSlidingMode(
+                gamma=2.0, mu=3.0, beta=0.9, eta=4.0, sigma=5.0, boundary_layer=0.1
+            ),
+            ["e = x − x_d, s = ė + ∫(2 sgnβė + 3 sgnβ′e) dt"],
+        ),
         (Operation(np.subtract, 3.0, Input()), ["3 − u"]),
         (Operation(np.divide, Input(), Input()), ["u1 / u2", "u1", "u2"]),
         (Operation(np.multiply, 2.5, Input()), ["2.5"]),
@@ -175,6 +195,13 @@ def with_a_loop(u):
 )
 def test_symbol_shows_the_equation(block, texts):
     assert set(drawn(block)) >= {*texts, "own"}
+
+
+def test_a_function_of_an_edited_file_is_not_shown_as_another(tmp_path):
+    file, names = tmp_path / "edited.py", {}
+    exec(compile("def old(u): return 2.0 * u", file, "exec"), names)
+    file.write_text("def new(u): return 7.0 * u", encoding="utf-8")
+    assert "old(u)" in drawn(Function(names["old"]))
 
 
 def test_a_symbol_of_another_kind_is_refused():
