@@ -160,6 +160,7 @@ class Chart {
     parent.append(box);
     this.listen();
     new ResizeObserver(() => this.draw()).observe(this.canvas);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
   }
 
   listen() {

@@ -27,10 +27,7 @@ class Page {
       entry.title = "show or hide";
       mark.style.background = colour;
       entry.prepend(mark);
-      entry.onclick = () => {
-        this.scene.toggle(name);
-        entry.classList.toggle("off");
-      };
+      entry.onclick = () => { this.scene.toggle(name); entry.classList.toggle("off"); };
       return entry;
     }));
   }

@@ -275,6 +275,7 @@ const Scene3d = (() => {
       };
       canvas.ondblclick = () => this.look(this.camera, this.followed);
       new ResizeObserver(() => this.draw()).observe(this.element); // at once, before the frame of the new size
+      matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
     }
 
     look(camera, followed) { // "nothing" or "truss"

@@ -194,6 +194,17 @@ def test_all_of_it_is_seen_and_moves(window, scheme):
         assert (np.ptp(image, axis=2) > 0.3).sum() > 100  # coloured curves
 
 
+def test_picture_and_charts_follow_the_theme(opened, page_file):
+    page = opened().open(page_file)
+    for place in ("#picture", ".axes >> nth=0"):
+        for scheme in ("dark", "light"):
+            page.emulate_media(color_scheme=scheme)
+            page.wait_for_timeout(200)
+            before = pixels(page, place)
+            page.evaluate("page.scene.draw(); page.view.changed(true)")
+            assert changes(pixels(page, place), before) == 0
+
+
 @pytest.mark.parametrize("camera", ["oblique", campaign.only("side")])
 def test_bodies_are_where_a_pinhole_camera_sees_them(opened, page_file, camera):
     """The red pixels of the thrusts extend as far as the projections of both ends of the arrows."""
