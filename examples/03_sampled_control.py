@@ -127,7 +127,8 @@ axis(1.0, 1e-4, 0.1).draw("axis.svg")
 # %%
 # ``Measurement`` describes a sensor, and ``sensor`` makes a block of it: sampled every 20 ms, with a different
 # noise for each seed. The computer holds its command for 20 ms and delays it by another 20 ms. The thrusters give
-# at most 10 N, in steps of 0.1 N. The law itself is computed in continuous time between the samples.
+# at most 10 N, in steps of 0.1 N. The observer gets the limited thrust: otherwise it takes the missing thrust for a
+# disturbance. The law itself is computed in continuous time between the samples.
 
 
 def run(bandwidth, noise, quantum):

@@ -31,7 +31,8 @@ from trussflow.models.transport import Mission, transport_diagram
 #
 # On one axis, truss and robots are a mass of 577 kg. Trajectory, sliding mode and observer are the blocks of
 # :doc:`tutorial 1 </gallery/01_wire_and_simulate>`. A constant force pulls at the mass, and the thrusters give at
-# most 8 N. The block ``mass`` is the plant; ``demand`` contains the mass that the controller assumes.
+# most 8 N. The observer gets the limited thrust. The block ``mass`` is the plant; ``demand`` contains the mass that
+# the controller assumes.
 
 loop = Diagram("axis")
 trajectory, control, observer, demand, limit = loop.add(

@@ -27,8 +27,9 @@ class DisturbanceObserver(Shaped):
         \hat d = L v + z, \qquad \dot z = -L \hat d - L a
 
     so that :math:`\dot{\hat d} = L (d - \hat d)`: a first-order lag, with an ultimate error
-    of at most ξ/L where :math:`\|\dot d\| \le \xi`. The estimate starts at zero. Where it is compensated, the
-    known acceleration a contains the compensation; without it the estimate of a constant d settles at d/2.
+    of at most ξ/L where :math:`\|\dot d\| \le \xi`. The estimate starts at zero. If the estimate is
+    compensated, the known acceleration a must contain the compensation; otherwise the estimate of a constant d
+    settles at d/2.
 
     Parameters
     ----------

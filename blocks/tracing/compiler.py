@@ -75,8 +75,8 @@ def _found(*commands: str) -> tuple[str, ...] | None:
     return (sys.executable, "-m", "ziglang", "cc")
 
 
-def with_chosen(flags: Sequence[str]) -> tuple[str, ...]:
-    """Return compiler options `flags`, and those of $TRUSSFLOW_CFLAGS, which outrank them."""
+def user_flags(flags: Sequence[str]) -> tuple[str, ...]:
+    """Return the compiler options `flags`, followed by those of $TRUSSFLOW_CFLAGS."""
     return (*flags, *os.environ.get("TRUSSFLOW_CFLAGS", "").split())
 
 
@@ -116,7 +116,7 @@ def compile_library(
         for name in functions:
             getattr(loaded, name)
 
-    flags = with_chosen(FLAGS)
+    flags = user_flags(FLAGS)
     try:
         key = "\0".join((*identity(compiler), *flags, content))
         return cached(key, ".so", lambda: _build(compiler, sources(), flags), load)

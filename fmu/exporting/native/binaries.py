@@ -23,7 +23,7 @@ from trussflow.blocks.tracing.compiler import (
     compiled,
     find_compiler,
     identity,
-    with_chosen,
+    user_flags,
 )
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.native.source import Source
@@ -206,7 +206,7 @@ def _object(
     command: tuple[str, ...], text: str, flags: tuple[str, ...], name: str
 ) -> Path:
     """Return the object file of a C file, compiled or from the cache."""
-    flags = with_chosen((*COMPILER_FLAGS, *flags))
+    flags = user_flags((*COMPILER_FLAGS, *flags))
     key = "\0".join((*identity(command), *flags, text))
 
     def build() -> bytes:
@@ -214,8 +214,7 @@ def _object(
             file = Path(folder) / name
             file.write_text(text, encoding="utf-8")
             return compiled(
-                [*command, *flags, "-c", str(file)],
-                file.with_suffix(".o"),
+                [*command, *flags, "-c", str(file)], file.with_suffix(".o")
             ).read_bytes()
 
     return cached(key, ".o", build)

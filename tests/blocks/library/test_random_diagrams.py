@@ -121,7 +121,7 @@ def test_random_diagrams_run_alike_or_are_refused(part):
 
 @pytest.mark.campaign
 def test_optimization_by_the_compiler_changes_no_bit(monkeypatch):
-    """Ordinary tests compile without it."""
+    """Ordinary tests compile without optimization."""
     found = {}
     for flags in ("-O0", "-O1", ""):
         monkeypatch.setenv("TRUSSFLOW_CFLAGS", flags)
