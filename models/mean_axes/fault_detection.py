@@ -32,9 +32,6 @@ MEMORY, RECENT_MEMORY, FRAME_MEMORY = 0.95, 0.8, 0.98
 FAILED, WORKING, HELD = 0.65, 0.4, 0.5
 """Lost shares above which a base has failed, below which it works, and above which an arm is held [-]."""
 
-SUDDENLY_FAILED, SUDDEN_THRESHOLD = 0.5, 3.5
-"""Lost share by recent evidence that a base has exceeded, by so many standard deviations [-]."""
-
 MAX_LOST_SHARE = 1.35
 """Lost share of a base above which the cause is none of the hypotheses [-]."""
 
@@ -66,13 +63,13 @@ class FaultDetection(MeanAxesBlock):
 
     * A base has failed if its lost share is large, significant, and the most significant one of the bases in
       use, in two consecutive samples. Commands of bases are correlated, so their lost shares are, too.
-      Evidence of the last 0.1 s alone suffices if it is clear.
+      The estimate from the last 0.1 s alone suffices, too.
     * An arm that follows neither base nor drives is held, by its brakes or by friction. Its base is tested with
       the innovations of the truss frame alone.
     * If the residual is larger than noise, or more than the whole effect is lost, the cause is none of these,
       and no base is isolated.
-    * A failed base still receives the excitation. If it responds, it is used again.
-    * While the vibration after a verdict decays, nothing else is isolated.
+    * A failed base still receives the excitation. If both estimates show its response, it is used again.
+    * While the vibration after a verdict decays, no other verdict follows.
 
     Drives are never switched off: a held arm needs no torques, and a healthy one needs its own.
 
@@ -254,25 +251,20 @@ class FaultDetection(MeanAxesBlock):
 
         limit = p.threshold * np.sqrt(noise * variance[robots:])
         held = lost[robots:] > np.maximum(HELD, limit)
-        share = np.where(held, frame_lost, lost[:robots])
-        spread = np.sqrt(noise * np.where(held, frame_variance, variance[:robots]))
-        deviations = share / spread
-        possible = np.logical_or(held, share < MAX_LOST_SHARE)
+        shares = np.where(held, frame_lost, np.stack([lost, recent])[:, :robots])
+        variances = np.stack([variance, recent_variance])[:, :robots]
+        spreads = np.sqrt(noise * np.where(held, frame_variance, variances))
+        deviations = shares / spreads
+        possible = np.logical_or(held, shares < MAX_LOST_SHARE)
         significant = deviations > np.where(held, FRAME_THRESHOLD, p.threshold)
-        likely = np.logical_and(share > FAILED, np.logical_and(significant, possible))
-        recent_limit = SUDDENLY_FAILED + SUDDEN_THRESHOLD * np.sqrt(
-            noise * recent_variance[:robots]
-        )
-        sudden = np.logical_and(
-            recent[:robots] > recent_limit, recent[:robots] < MAX_LOST_SHARE
-        )
-        likely = np.logical_or(likely, np.logical_and(sudden, np.logical_not(held)))
+        likely = np.logical_and(shares > FAILED, np.logical_and(significant, possible))
         explained = np.logical_and(residual < UNEXPLAINED, settled)
-        likely = np.logical_and(likely, explained)
-        rank = np.where(likely, self.testable * (1.0 - x.failed) * deviations, 0.0)
+        weights = np.where(explained, self.testable * (1.0 - x.failed), 0.0)
+        rank = weights * np.max(np.where(likely, deviations, 0.0), axis=0)
         first = np.logical_and(rank > 0.0, rank >= np.max(rank))
         suspected = np.where(first, 1.0, 0.0)
-        works = np.logical_and(share + 2.0 * spread < WORKING, np.logical_not(held))
+        works = np.max(shares + 2.0 * spreads, axis=0) < WORKING
+        works = np.logical_and(works, np.logical_and(explained, np.logical_not(held)))
         failed = np.where(works, 0.0, np.maximum(x.failed, suspected * x.suspected))
         return {
             "rates": predicted + self.gains * innovation,
@@ -287,7 +279,7 @@ class FaultDetection(MeanAxesBlock):
             "frame_information": frame_information,
             "frame_match": frame_match,
             "lost": lost,
-            "deviations": deviations,
+            "deviations": deviations[0],
             "held_arms": np.where(held, 1.0, 0.0),
             "residual": residual,
             "suspected": suspected,

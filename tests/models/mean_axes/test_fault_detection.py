@@ -303,6 +303,39 @@ def test_the_most_significant_loss_comes_first():
     assert_array_equal(after["suspected"], np.eye(4)[0])
 
 
+@pytest.mark.parametrize(
+    "lost, recent, settling, residual, used",
+    [
+        (0.0, 0.0, 0.0, 1.0, True),
+        (1.0, 0.0, 0.0, 1.0, False),
+        (0.0, 1.0, 0.0, 1.0, False),
+        (0.0, 0.0, 1.0, 1.0, False),
+        (0.0, 0.0, 0.0, 9.0, False),
+    ],
+)
+def test_a_failed_base_is_used_again_if_both_estimates_agree(
+    lost, recent, settling, residual, used
+):
+    """Neither vibration after a verdict nor unexplained motion is evidence that it works."""
+    x, u, p = quiet(MONITOR)
+    x["failed"] = np.eye(4)[0]
+    x["settling"], x["residual"] = np.array(settling), np.array(residual)
+    for prefix, share in (("", lost), ("recent_", recent)):
+        x[prefix + "information"] = 1e4 * np.eye(8)
+        x[prefix + "match"] = share * 1e4 * np.eye(8)[0]
+    after = MONITOR.update(np.array(0.0), x, u, p)
+    assert_array_equal(after["failed"], np.eye(4)[0] * (not used))
+
+
+@pytest.mark.parametrize("prefix", ["", "recent_"])
+def test_one_significant_estimate_is_enough(prefix):
+    x, u, p = quiet(MONITOR)
+    x["information"] = x["recent_information"] = 1e4 * np.eye(8)
+    x[prefix + "match"] = 1e4 * np.eye(8)[0]
+    after = MONITOR.update(np.array(0.0), x, u, p)
+    assert_array_equal(after["suspected"], np.eye(4)[0])
+
+
 def test_a_robot_without_joints_is_never_suspected(modes):
     """Joints tell of their own robot; of a module bolted on they tell what the truss's bending does, too."""
     arm, module = RobotArm.jaco(), without_joints()
