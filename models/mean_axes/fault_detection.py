@@ -29,8 +29,11 @@ FRAME_RATE_GAIN, FRAME_DRIFT_GAIN = 0.2, 2e-3
 MEMORY, RECENT_MEMORY, FRAME_MEMORY = 0.95, 0.8, 0.98
 """Weight of the evidence of the sample before: of the joints, long and short, and of the truss frame [-]."""
 
-FAILED, WORKING, HELD = 0.65, 0.4, 0.5
-"""Lost shares above which a base has failed, below which it works, and above which an arm is held [-]."""
+WORKING, HELD = 0.4, 0.5
+"""Lost shares below which a base works, and above which an arm is held [-]."""
+
+FAILED, MARGIN = np.array([[0.65], [0.5]]), np.array([[0.0], [0.5]])
+"""Least lost share of a failed base, and its excess over the threshold: by long and by recent evidence [-]."""
 
 MAX_LOST_SHARE = 1.35
 """Lost share of a base above which the cause is none of the hypotheses [-]."""
@@ -63,7 +66,7 @@ class FaultDetection(MeanAxesBlock):
 
     * A base has failed if its lost share is large, significant, and the most significant one of the bases in
       use, in two consecutive samples. Commands of bases are correlated, so their lost shares are, too.
-      The estimate from the last 0.1 s alone suffices, too.
+      The estimate from the last 0.1 s alone suffices if it is clear.
     * An arm that follows neither base nor drives is held, by its brakes or by friction. Its base is tested with
       the innovations of the truss frame alone.
     * If the residual is larger than noise, or more than the whole effect is lost, the cause is none of these,
@@ -246,8 +249,8 @@ class FaultDetection(MeanAxesBlock):
             frame**2, axis=1
         )
         frame_match = FRAME_MEMORY * x.frame_match - frame @ whitened[:6]
-        frame_lost = frame_match / (1.0 + frame_information)
         frame_variance = 1.0 / (1.0 + frame_information)
+        frame_lost = frame_match * frame_variance
 
         limit = p.threshold * np.sqrt(noise * variance[robots:])
         held = lost[robots:] > np.maximum(HELD, limit)
@@ -255,16 +258,19 @@ class FaultDetection(MeanAxesBlock):
         variances = np.stack([variance, recent_variance])[:, :robots]
         spreads = np.sqrt(noise * np.where(held, frame_variance, variances))
         deviations = shares / spreads
-        possible = np.logical_or(held, shares < MAX_LOST_SHARE)
-        significant = deviations > np.where(held, FRAME_THRESHOLD, p.threshold)
-        likely = np.logical_and(shares > FAILED, np.logical_and(significant, possible))
+        limits = MARGIN + np.where(held, FRAME_THRESHOLD, p.threshold) * spreads
+        likely = np.logical_and(
+            shares > np.maximum(FAILED, limits),
+            np.logical_or(held, shares < MAX_LOST_SHARE),
+        )
         explained = np.logical_and(residual < UNEXPLAINED, settled)
         weights = np.where(explained, self.testable * (1.0 - x.failed), 0.0)
         rank = weights * np.max(np.where(likely, deviations, 0.0), axis=0)
         first = np.logical_and(rank > 0.0, rank >= np.max(rank))
         suspected = np.where(first, 1.0, 0.0)
-        works = np.max(shares + 2.0 * spreads, axis=0) < WORKING
-        works = np.logical_and(works, np.logical_and(explained, np.logical_not(held)))
+        works = np.logical_and(
+            np.max(shares + 2.0 * spreads, axis=0) < WORKING, explained
+        )
         failed = np.where(works, 0.0, np.maximum(x.failed, suspected * x.suspected))
         return {
             "rates": predicted + self.gains * innovation,
