@@ -29,11 +29,8 @@ FRAME_RATE_GAIN, FRAME_DRIFT_GAIN = 0.2, 2e-3
 MEMORY, RECENT_MEMORY, FRAME_MEMORY = 0.95, 0.8, 0.98
 """Weight of the evidence of the sample before: of the joints, long and short, and of the truss frame [-]."""
 
-WORKING, HELD = 0.4, 0.5
-"""Lost shares below which a base works, and above which an arm is held [-]."""
-
-FAILED, MARGIN = np.array([[0.65], [0.5]]), np.array([[0.0], [0.5]])
-"""Least lost share of a failed base, and its excess over the threshold: by long and by recent evidence [-]."""
+FAILED, SUDDENLY_FAILED, WORKING, HELD = 0.65, 0.5, 0.4, 0.5
+"""Lost shares above which a base has failed, also by recent evidence, below which it works, and of held arms [-]."""
 
 MAX_LOST_SHARE = 1.35
 """Lost share of a base above which the cause is none of the hypotheses [-]."""
@@ -44,8 +41,8 @@ FRAME_THRESHOLD = 2.5
 SETTLING_TIME = 3.0
 """Time after a verdict without new ones, in which the vibration by the other commands decays [s]."""
 
-JUMP, UNEXPLAINED = 3.0, 3.0
-"""Relative variances: of a sample after a sudden failure, and of a residual that nothing explains [-]."""
+UNEXPLAINED = 3.0
+"""Relative variance of a sample after a sudden failure, and of a residual that nothing explains [-]."""
 
 
 class FaultDetection(MeanAxesBlock):
@@ -216,7 +213,7 @@ class FaultDetection(MeanAxesBlock):
         settled = x.settling <= 0.0
         steady = np.logical_and(x.residual < 0.5 * UNEXPLAINED, settled)
         jump = np.logical_and(
-            relative(joint_innovation + x.lost @ response[:, 6:]) > JUMP, steady
+            relative(joint_innovation + x.lost @ response[:, 6:]) > UNEXPLAINED, steady
         )
         restart = np.where(jump, self.joint_rows, 0.0) > 0.5
         response = np.where(restart, effects, response)
@@ -258,19 +255,16 @@ class FaultDetection(MeanAxesBlock):
         variances = np.stack([variance, recent_variance])[:, :robots]
         spreads = np.sqrt(noise * np.where(held, frame_variance, variances))
         deviations = shares / spreads
-        limits = MARGIN + np.where(held, FRAME_THRESHOLD, p.threshold) * spreads
-        likely = np.logical_and(
-            shares > np.maximum(FAILED, limits),
-            np.logical_or(held, shares < MAX_LOST_SHARE),
-        )
+        margins = np.where(held, FRAME_THRESHOLD, p.threshold) * spreads
+        limits = [np.maximum(FAILED, margins[0]), SUDDENLY_FAILED + margins[1]]
+        possible = np.logical_or(held, shares < MAX_LOST_SHARE)
+        likely = np.logical_and(shares > np.stack(limits), possible)
         explained = np.logical_and(residual < UNEXPLAINED, settled)
         weights = np.where(explained, self.testable * (1.0 - x.failed), 0.0)
-        rank = weights * np.max(np.where(likely, deviations, 0.0), axis=0)
-        first = np.logical_and(rank > 0.0, rank >= np.max(rank))
-        suspected = np.where(first, 1.0, 0.0)
-        works = np.logical_and(
-            np.max(shares + 2.0 * spreads, axis=0) < WORKING, explained
-        )
+        rank = np.max(np.where(likely, weights * deviations, 0.0), axis=0)
+        suspected = np.where(np.logical_and(rank > 0.0, rank >= np.max(rank)), 1.0, 0.0)
+        largest = np.max(np.where(held, 1.0, shares + 2.0 * spreads), axis=0)
+        works = np.logical_and(largest < WORKING, explained)
         failed = np.where(works, 0.0, np.maximum(x.failed, suspected * x.suspected))
         return {
             "rates": predicted + self.gains * innovation,

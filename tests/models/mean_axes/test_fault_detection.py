@@ -304,25 +304,27 @@ def test_the_most_significant_loss_comes_first():
 
 
 @pytest.mark.parametrize(
-    "lost, recent, settling, residual, used",
+    "lost, recent, braked, settling, residual, used",
     [
-        (0.0, 0.0, 0.0, 1.0, True),
-        (1.0, 0.0, 0.0, 1.0, False),
-        (0.0, 1.0, 0.0, 1.0, False),
-        (0.0, 0.0, 1.0, 1.0, False),
-        (0.0, 0.0, 0.0, 9.0, False),
+        (0.0, 0.0, 0.0, 0.0, 1.0, True),
+        (1.0, 0.0, 0.0, 0.0, 1.0, False),
+        (0.0, 1.0, 0.0, 0.0, 1.0, False),
+        (0.0, 0.0, 1.0, 0.0, 1.0, False),
+        (0.0, 0.0, 0.0, 1.0, 1.0, False),
+        (0.0, 0.0, 0.0, 0.0, 9.0, False),
     ],
 )
 def test_a_failed_base_is_used_again_if_both_estimates_agree(
-    lost, recent, settling, residual, used
+    lost, recent, braked, settling, residual, used
 ):
-    """Neither vibration after a verdict nor unexplained motion is evidence that it works."""
+    """Vibration after a verdict, unexplained motion, and motion of a braked arm are no evidence that it works."""
     x, u, p = quiet(MONITOR)
     x["failed"] = np.eye(4)[0]
     x["settling"], x["residual"] = np.array(settling), np.array(residual)
+    x["frame_information"] = 1e4 * np.ones(4)
     for prefix, share in (("", lost), ("recent_", recent)):
         x[prefix + "information"] = 1e4 * np.eye(8)
-        x[prefix + "match"] = share * 1e4 * np.eye(8)[0]
+        x[prefix + "match"] = 1e4 * (share * np.eye(8)[0] + braked * np.eye(8)[4])
     after = MONITOR.update(np.array(0.0), x, u, p)
     assert_array_equal(after["failed"], np.eye(4)[0] * (not used))
 
