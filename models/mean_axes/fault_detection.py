@@ -41,8 +41,8 @@ FRAME_THRESHOLD = 2.5
 SETTLING_TIME = 3.0
 """Time after a verdict without new ones, in which the vibration by the other commands decays [s]."""
 
-UNEXPLAINED = 3.0
-"""Relative variance of a sample after a sudden failure, and of a residual that nothing explains [-]."""
+UNEXPLAINED_VARIANCE = 3.0
+"""Relative variance above which a sample shows a sudden failure, or a residual has another cause [-]."""
 
 
 class FaultDetection(MeanAxesBlock):
@@ -211,9 +211,11 @@ class FaultDetection(MeanAxesBlock):
         effects = change[:, : self.parts].T @ self.whitening
         response = x.response + effects - x.drift_response
         settled = x.settling <= 0.0
-        steady = np.logical_and(x.residual < 0.5 * UNEXPLAINED, settled)
+        steady = np.logical_and(x.residual < 0.5 * UNEXPLAINED_VARIANCE, settled)
         jump = np.logical_and(
-            relative(joint_innovation + x.lost @ response[:, 6:]) > UNEXPLAINED, steady
+            relative(joint_innovation + x.lost @ response[:, 6:])
+            > UNEXPLAINED_VARIANCE,
+            steady,
         )
         restart = np.where(jump, self.joint_rows, 0.0) > 0.5
         response = np.where(restart, effects, response)
@@ -259,7 +261,7 @@ class FaultDetection(MeanAxesBlock):
         limits = [np.maximum(FAILED, margins[0]), SUDDENLY_FAILED + margins[1]]
         possible = np.logical_or(held, shares < MAX_LOST_SHARE)
         likely = np.logical_and(shares > np.stack(limits), possible)
-        explained = np.logical_and(residual < UNEXPLAINED, settled)
+        explained = np.logical_and(residual < UNEXPLAINED_VARIANCE, settled)
         weights = np.where(explained, self.testable * (1.0 - x.failed), 0.0)
         rank = np.max(np.where(likely, weights * deviations, 0.0), axis=0)
         suspected = np.where(np.logical_and(rank > 0.0, rank >= np.max(rank)), 1.0, 0.0)

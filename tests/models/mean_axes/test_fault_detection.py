@@ -317,7 +317,7 @@ def test_the_most_significant_loss_comes_first():
 def test_a_failed_base_is_used_again_if_both_estimates_agree(
     lost, recent, braked, settling, residual, used
 ):
-    """Vibration after a verdict, unexplained motion, and motion of a braked arm are no evidence that it works."""
+    """It stays isolated after a recent verdict, with an unexplained residual, or with a braked arm."""
     x, u, p = quiet(MONITOR)
     x["failed"] = np.eye(4)[0]
     x["settling"], x["residual"] = np.array(settling), np.array(residual)
