@@ -146,6 +146,7 @@ def tuned_designs(
         campaign = Campaign(
             section="Tuning",
             name=f"{name} design",
+            loop=flight_simulator,
             rows=[becoming(**values) | run_parameters(plant, seed) for seed in others],
             labels=others,
             duration=duration,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import systems
 import xarray as xr
-from flight import tuning
+from flight import loops, tuning
 from flight.loops import flight_simulator
 from flight.metrics import GOALS
 from flight.tuning import INITIAL
@@ -22,7 +22,9 @@ interpreted = pytest.fixture(scope="module", autouse=True)(systems.interpreted)
 def plant(request, monkeypatch):
     """Prepare the tuned loop once; the campaign of CI has six modes, a larger one more too."""
     monkeypatch.setattr(TunableTruss, "accurate", getattr(TunableTruss, request.param))
-    monkeypatch.setattr(tuning, "flight_simulator", cache(flight_simulator))
+    prepared = cache(flight_simulator)
+    for module in (loops, tuning):  # runs are pickled by the name in the first
+        monkeypatch.setattr(module, "flight_simulator", prepared)
     return request.param
 
 
