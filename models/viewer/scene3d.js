@@ -279,7 +279,8 @@ const Scene3d = (() => {
     }
 
     look(camera, followed) { // "nothing" or "truss"
-      Object.assign(this, { camera, followed, angles: CAMERAS[camera], zoom: 1, moved: [0, 0, 0] });
+      const angles = CAMERAS[camera] ?? CAMERAS.oblique;
+      Object.assign(this, { camera, followed, angles, zoom: 1, moved: [0, 0, 0] });
       this.draw();
     }
 
