@@ -57,6 +57,20 @@ def pytest_collection_modifyitems(items):
     items.sort(key=place)
 
 
+LONG_RUNS = ("models/mean_axes", "models/transport", "test_examples.py")
+"""Files and folders whose runs take longer than an optimizing compiler."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiler_options(request):
+    """Optimize long runs where `make test` compiles without optimization."""
+    place = request.path.relative_to(ROOT / "tests").as_posix()
+    with pytest.MonkeyPatch.context() as patch:
+        if os.environ.get("TRUSSFLOW_CFLAGS") == "-O0" and place.startswith(LONG_RUNS):
+            patch.setenv("TRUSSFLOW_CFLAGS", "-O1")
+        yield
+
+
 @pytest.fixture
 def rng():
     return np.random.default_rng(20260215)

@@ -22,7 +22,7 @@ def run(program, folder, arguments=()):
     """Run a script (a path) or a module (its name) in a folder; return its standard output."""
     outputs = [folder / "stdout.txt", folder / "stderr.txt"]
     process = CONTEXT.Process(
-        target=_run, args=(program, folder, list(arguments), outputs)
+        target=_run, args=(program, folder, list(arguments), outputs, dict(os.environ))
     )
     process.start()
     process.join(TIME_LIMIT)
@@ -34,7 +34,8 @@ def run(program, folder, arguments=()):
     return printed
 
 
-def _run(program, folder, arguments, outputs):
+def _run(program, folder, arguments, outputs, environment):
+    os.environ.update(environment)  # that of the server is older
     for descriptor, output in enumerate(outputs, 1):
         os.dup2(os.open(output, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), descriptor)
     os.chdir(folder)
