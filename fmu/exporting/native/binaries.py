@@ -23,7 +23,7 @@ from trussflow.blocks.tracing.compiler import (
     compiled,
     find_compiler,
     identity,
-    user_flags,
+    options_for,
 )
 from trussflow.fmu.errors import ExportError
 from trussflow.fmu.exporting.native.source import Source
@@ -206,7 +206,7 @@ def _object(
     command: tuple[str, ...], text: str, flags: tuple[str, ...], name: str
 ) -> Path:
     """Return the object file of a C file, compiled or from the cache."""
-    flags = user_flags((*COMPILER_FLAGS, *flags))
+    flags = options_for((*COMPILER_FLAGS, *flags), len(text))
     key = "\0".join((*identity(command), *flags, text))
 
     def build() -> bytes:

@@ -71,6 +71,7 @@ def test_compiler_flags_and_processor_are_part_of_the_name(
 
 @pytest.mark.usefixtures("cache")
 def test_options_of_the_user_are_the_last_ones_and_part_of_the_name(monkeypatch):
+    monkeypatch.delenv("TRUSSFLOW_CFLAGS", raising=False)
     used = []
     whole = compiler.compiled
     monkeypatch.setattr(
@@ -78,10 +79,20 @@ def test_options_of_the_user_are_the_last_ones_and_part_of_the_name(monkeypatch)
         "compiled",
         lambda command, file: used.append(command) or whole(command, file),
     )
+
+    def last():
+        """Return the options behind those of all code, when it was compiled last."""
+        options = used[-2][used[-2].index("-fPIC") + 1 :]
+        return options[: options.index("-c")]
+
     first = library_of(SOURCE)
-    monkeypatch.setenv("TRUSSFLOW_CFLAGS", "-O1 -g")
+    assert last() == []
+    monkeypatch.setenv("TRUSSFLOW_CFLAGS", "-O3 -g")
     assert library_of(SOURCE) != first
-    assert used[-2][used[-2].index("-fPIC") + 1 :][:2] == ["-O1", "-g"]
+    assert last() == ["-O3", "-g"]
+    monkeypatch.setattr(compiler, "LARGE_SOURCE", len(SOURCE))
+    library_of(SOURCE + "\n")
+    assert last() == ["-O1", "-O3", "-g"]
 
 
 @pytest.mark.parametrize(
