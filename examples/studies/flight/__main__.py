@@ -16,7 +16,7 @@ def parser() -> argparse.ArgumentParser:
     """Return the argument parser of the command."""
     found = study_parser(
         "flight",
-        "Simulate the mean-axes controller on Monte Carlo samples, with failures and in off-nominal cases,\n"
+        "Simulate the mean-axes controller on Monte Carlo samples, with faults and other deviations,\n"
         "and find the robustness limits of the control laws.",
         "--output report                    # everything; about an hour on two cores",
         "--draws 20 --output report         # fewer samples",
@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> Outcome:
     if options.check:
         return checked(options.output, present(), target)
     positive_whole(samples=count)
-    folder = options.runs / f"{count}-samples"
+    folder = options.runs / (f"{count}-samples" if options.samples else "report")
     file = make(count, options.output, folder, options.workers)
     return Outcome({"report": file}, f"wrote {file}")
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
-from itertools import product
+from itertools import cycle, product
 from pathlib import Path
 from typing import Any
 
@@ -13,45 +13,51 @@ import numpy as np
 import xarray as xr
 from study_tools.evidence import fingerprint, projection
 
-from flight.failures import failure_metrics, failure_parameters
-from flight.loops import PAPER_LAWS, flight_simulator, law_simulator
+from flight.faults import Condition, fault_conditions
+from flight.loops import PAPER_LAWS, flight_hardware, flight_simulator, law_simulator
 from flight.metrics import run_metrics, tracking
 from flight.samples import NOMINAL_SEED, run_parameters
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.sweeps.sweep import sweep
+from trussflow.models.hardware.hardware import Hardware
 from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.reporting.metrics import largest_norm, late_part
 from trussflow.models.transport.mission import CASES
 
-FIRST_SEED = 100
+FIRST_SEED = 8000
 """First seed of the Monte Carlo samples; the design was tuned with smaller seeds."""
 
-NOMINAL_AND_SAMPLES = (NOMINAL_SEED, *range(FIRST_SEED, FIRST_SEED + 3))
-"""Seeds of each off-nominal case."""
+TRUSSES = (NOMINAL_SEED, FIRST_SEED, FIRST_SEED + 1)
+"""Seeds of the trusses that the runs of one kind of condition have in turn."""
 
-DURATION, LONG_DURATION = 80.0, 100.0
-"""Simulated time: 60 s of motion, then 20 s or 40 s at rest [s]."""
+LOOPS: dict[str, tuple[dict[str, Any], float]] = {
+    "literal arm, Case 1": ({"case": 1, "arm": "literal"}, 1.0),
+    "literal arm, Case 2": ({"case": 2, "arm": "literal"}, 1.0),
+    "jaco arm, Case 1": ({"case": 1, "arm": "jaco"}, 0.25),
+}
+"""Loops by name: arguments of `flight_simulator`, and share of the Monte Carlo samples [-]."""
 
-FAILURE_TIMES = (10.0, 30.0, 50.0)  # s
+BLOCK_SIZE = 64
+"""Largest number of Monte Carlo samples in one campaign [-]."""
 
-SAMPLES, FAILURES, OFF_NOMINAL = "Monte Carlo samples", "Failures", "Off-nominal cases"
+DURATION, LONG_DURATION = 62.0, 100.0
+"""Simulated time: 60 s of motion, then 2 s or 40 s at rest [s]."""
+
+LONG_SAMPLES = 8
+"""Number of Monte Carlo samples that are also simulated for the long duration [-]."""
+
+HEALTHY = "healthy samples"
+"""Kind of the runs without a fault."""
+
+AT_REST = "At rest"
 PROPELLANT, EXACT = "Propellant and wheel management", "Exact loops"
-"""Titles of the sections of the report."""
+"""Titles of sections of the report."""
 
-FAILING: tuple[tuple[str, str, int, dict[str, Any]], ...] = (
-    ("base", "", 3, {}),
-    ("robot", ", with brakes", 3, {"brakes": True}),
-    ("robot", "", 3, {}),
-    ("base", ", turned", 4, {"turned": True}),
-    ("base", ", Case 2", 2, {"case": 2}),
-)
-"""Failing part, remark, number of robots that may fail, and options of the loop."""
-
-GAINS = (0.5, 0.7, 1.4, 2.0)
-"""Actuator gains of the off-nominal cases, actual by commanded [-]."""
+GAINS = (0.5, 2.0)
+"""Gains of all bases, actual by commanded forces and torques [-]."""
 
 ARM_ERROR = 0.05
-"""Relative error of the arms in the nominal dynamics [-]."""
+"""Relative excess of mass and length of the arms above those of the nominal dynamics [-]."""
 
 INITIAL_MOMENTUM = (3.0, 2.0, 1.0)
 """Initial momentum of the wheels of each base, by axis [N·m·s]."""
@@ -81,6 +87,8 @@ class Campaign:
         Arguments, parameters and initial states of each run, as for `sweep`.
     labels : sequence
         Name of each run.
+    kinds : sequence of str
+        Kind of the condition of each run.
     keep : callable
         Function of the result of a run that returns the kept values by name.
     duration : float
@@ -93,6 +101,7 @@ class Campaign:
     options: Mapping[str, Any] = field(default_factory=dict)
     rows: Sequence[Mapping[str, Any]]
     labels: Sequence[Any]
+    kinds: Sequence[str] = ()
     keep: Callable[[xr.Dataset], Mapping[str, Any]] = run_metrics
     duration: float = DURATION
 
@@ -107,8 +116,11 @@ class Campaign:
             Further arguments of `sweep`.
         """
         names = tuple(self.rows[0])
+        structural = not all("." in name for name in names)
         found = sweep(
-            partial(self.loop, **self.options),
+            partial(self.loop, **self.options)
+            if structural
+            else prepared(self.loop, tuple(self.options.items())),
             self.duration,
             vary={names: [tuple(row.values()) for row in self.rows]},
             keep=self.keep,
@@ -116,9 +128,9 @@ class Campaign:
             not_finite="ignore",
             **options,
         )
-        return found.drop_vars(names, errors="ignore").assign_coords(
-            sample=list(self.labels)
-        )
+        found = found.drop_vars(names, errors="ignore")
+        kinds = {"kind": ("sample", list(self.kinds))} if self.kinds else {}
+        return found.assign_coords(sample=list(self.labels), **kinds)
 
     def fingerprint(self) -> list[float]:
         """Return the numbers that identify loops, duration, parameters and initial states."""
@@ -134,6 +146,14 @@ class Campaign:
 
 
 @cache
+def prepared(
+    loop: Callable[..., Simulator], arguments: tuple[tuple[str, Any], ...]
+) -> Simulator:
+    """Return the simulator of a loop with arguments, which several campaigns share."""
+    return loop(**dict(arguments))
+
+
+@cache
 def loop_fingerprint(
     loop: Callable[..., Simulator], arguments: tuple[tuple[str, Any], ...]
 ) -> list[float]:
@@ -142,95 +162,143 @@ def loop_fingerprint(
 
 
 def all_campaigns(count: int) -> list[Campaign]:
-    """Return all campaigns of the report, with `count` Monte Carlo samples of each case."""
-    plant = TunableTruss.accurate()
-    robots, joints = plant.robots, plant.joints
-    seeds = range(FIRST_SEED, FIRST_SEED + count)
-    samples = [run_parameters(plant, seed) for seed in seeds]
-    found = [
+    """Return all campaigns of the report, with `count` Monte Carlo samples of the first loops."""
+    return [
+        *(
+            campaign
+            for name, (options, share) in LOOPS.items()
+            for campaign in loop_campaigns(name, options, max(1, round(share * count)))
+        ),
+        *propellant_campaigns(),
         Campaign(
-            section=SAMPLES,
-            name=f"case {case}",
-            options={"case": case},
-            rows=samples,
-            labels=seeds,
+            section=EXACT,
+            name="exact loops",
+            loop=law_simulator,
+            options={"of_paper": True},
+            rows=[{"law": law} for law in PAPER_LAWS],
+            labels=list(PAPER_LAWS),
+            keep=exact_metrics,
             duration=LONG_DURATION,
-        )
-        for case in CASES
+        ),
     ]
-    for part, remark, failing, options in FAILING:
-        failures = list(product([part], range(1, failing + 1), FAILURE_TIMES))
-        found.append(
-            Campaign(
-                section=FAILURES,
-                name=f"{part} fails{remark}",
-                options={"brakes": False, **options},
-                rows=[
-                    failure_parameters(plant.dynamics, *failure) for failure in failures
-                ],
-                labels=[
-                    f"{part} {robot} fails at {time:g} s{remark}"
-                    for _, robot, time in failures
-                ],
-                keep=failure_metrics,
-            )
+
+
+def loop_campaigns(name: str, options: Mapping[str, Any], count: int) -> list[Campaign]:
+    """Return the campaigns of one of the `LOOPS`, with its options and `count` Monte Carlo samples."""
+    plant = TunableTruss.accurate(arm=options["arm"])
+
+    def with_truss(condition: Condition, seed: int) -> Condition:
+        """Return a condition with the truss and the noise of a seed."""
+        truss = "nominal truss" if seed == NOMINAL_SEED else f"seed {seed}"
+        return condition._replace(
+            label=f"{condition.label}, {truss}",
+            parameters=condition.parameters | run_parameters(plant, seed),
         )
-    more, less = 1.0 / (1.0 + ARM_ERROR), 1.0 / (1.0 - ARM_ERROR)
-    cases: dict[str, tuple[float, dict[str, Any]]] = {
-        **{f"actuator gain {gain:g}": (gain, {}) for gain in GAINS},
-        f"arms {ARM_ERROR:.0%} heavier than nominal": (1.0, {"mass": more}),
-        f"arms {ARM_ERROR:.0%} lighter than nominal": (1.0, {"mass": less}),
-        f"arms {ARM_ERROR:.0%} longer than nominal": (1.0, {"length": more}),
-        f"arms {ARM_ERROR:.0%} shorter than nominal": (1.0, {"length": less}),
+
+    def campaign(
+        part: str, conditions: Iterable[Condition], **deviation: float
+    ) -> Campaign:
+        """Return the campaign of conditions, with further arguments of the loop."""
+        kinds, labels, rows = zip(*conditions, strict=True)
+        return Campaign(
+            section=name,
+            name=f"{name}, {part}",
+            options={**options, **deviation},
+            rows=rows,
+            labels=labels,
+            kinds=kinds,
+        )
+
+    def samples(seeds: range) -> Campaign:
+        """Return the campaign of some healthy samples."""
+        return campaign(f"seeds {seeds[0]} to {seeds[-1]}", repeated(HEALTHY, seeds))
+
+    def repeated(
+        kind: str, seeds: Iterable[int], parameters: Mapping[str, Any] | None = None
+    ) -> list[Condition]:
+        """Return the conditions of one kind with several trusses."""
+        one = Condition(kind, kind, dict(parameters or {}))
+        return [with_truss(one, seed) for seed in seeds]
+
+    seeds = range(FIRST_SEED, FIRST_SEED + count)
+    hardware, case = flight_hardware(options["case"]), options["case"]
+    faults = fault_conditions(plant.dynamics, case, hardware.sample_time)
+    gains = [
+        one
+        for gain in GAINS
+        for one in repeated(
+            f"base gain {gain:g}", TRUSSES, gain_parameters(hardware, plant, gain)
+        )
+    ]
+    arms = repeated(f"arms {ARM_ERROR:.0%} heavier and longer", TRUSSES)
+    nominal = dict.fromkeys(("mass", "length"), 1.0 / (1.0 + ARM_ERROR))
+    at_rest = replace(
+        samples(seeds[:LONG_SAMPLES]),
+        section=AT_REST,
+        name=f"at rest, {name}",
+        duration=LONG_DURATION,
+    )
+    return [
+        *(samples(seeds[i : i + BLOCK_SIZE]) for i in range(0, count, BLOCK_SIZE)),
+        campaign("faults", map(with_truss, faults, cycle(TRUSSES))),
+        campaign("gains", gains),
+        campaign("arms", arms, **nominal),
+        at_rest,
+    ]
+
+
+def gain_parameters(
+    hardware: Hardware, plant: TunableTruss, gain: float
+) -> dict[str, Any]:
+    """Return the parameters of a run in which all bases have a gain, but the limits of the hardware.
+
+    Parameters
+    ----------
+    hardware : Hardware
+        Hardware of the loop.
+    plant : TunableTruss
+        Plant.
+    gain : float
+        Actual by commanded forces and torques, positive [-].
+    """
+    robots, limits = plant.robots, hardware.limits(plant)
+    limits[: 6 * robots] /= gain
+    # Wheels have their limits behind the gain, thrusters before it.
+    thrust = np.full(6, limits[0])
+    return {
+        "faults.bases": np.full(robots, gain),
+        "controller.allocation.limits": limits,
+        "controller.economy.limits": limits,
+        **{f"actuators.thrusters_{i + 1}.limit.upper": thrust for i in range(robots)},
     }
-    for name, (gain, arms) in cases.items():
-        health = {
-            "failure.bases": np.full(robots, gain),
-            "failure.drives": np.full(joints, gain),
-        }
-        found.append(
-            Campaign(
-                section=OFF_NOMINAL,
-                name=name,
-                options={"brakes": False, **arms},
-                rows=[
-                    health | run_parameters(plant, seed) for seed in NOMINAL_AND_SAMPLES
-                ],
-                labels=NOMINAL_AND_SAMPLES,
-            )
-        )
+
+
+def propellant_campaigns() -> list[Campaign]:
+    """Return the runs with and without propellant and wheel management."""
+    plant = TunableTruss.accurate()
     start = {
-        f"actuators.wheels_{i + 1}.h": np.array(INITIAL_MOMENTUM) for i in range(robots)
+        f"actuators.wheels_{i + 1}.h": np.array(INITIAL_MOMENTUM)
+        for i in range(plant.robots)
     }
     start["actuators.thrusters_1.tank.integral"] = np.array(INITIAL_PROPELLANT)
-    disabled = {
-        f"controller.economy.{name}": DISABLED_LIMIT
-        for name in ("propellant_spread", "unloading_time")
-    }
-    for case, (word, values) in product(
-        CASES, {"without": disabled, "with": {}}.items()
-    ):
-        found.append(
-            Campaign(
-                section=PROPELLANT,
-                name=f"case {case}, {word} management",
-                options={"case": case},
-                rows=[run_parameters(plant, NOMINAL_SEED) | start | values],
-                labels=[NOMINAL_SEED],
-                keep=consumption,
-                duration=LONG_DURATION,
-            )
+    limits = [
+        f"controller.economy.{n}" for n in ("propellant_spread", "unloading_time")
+    ]
+    return [
+        Campaign(
+            section=PROPELLANT,
+            name=f"case {case}, {word} management",
+            options={"case": case, "arm": "literal"},
+            rows=[run_parameters(plant, NOMINAL_SEED) | start | values],
+            labels=[NOMINAL_SEED],
+            keep=consumption,
+            duration=LONG_DURATION,
         )
-    paper = Campaign(
-        section=EXACT,
-        name="exact loops",
-        loop=law_simulator,
-        options={"of_paper": True},
-        rows=[{"law": law} for law in PAPER_LAWS],
-        labels=list(PAPER_LAWS),
-        keep=exact_metrics,
-    )
-    return [*found, paper]
+        for case, (word, values) in product(
+            CASES,
+            {"without": dict.fromkeys(limits, DISABLED_LIMIT), "with": {}}.items(),
+        )
+    ]
 
 
 def consumption(run: xr.Dataset) -> dict[str, float]:

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
-from flight.failures import with_failures
+from flight.faults import add_faults
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.models.dynamics.dynamics import TrussDynamics
-from trussflow.models.feasibility import best_attitude
 from trussflow.models.hardware.hardware import Hardware
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.transport.mean_axes_wiring import mean_axes_transport
 from trussflow.models.transport.mission import Mission
-from trussflow.models.transport.wiring import path_of, transport_diagram
+from trussflow.models.transport.wiring import transport_diagram
 
 LOG = (
     "trajectory.position",
@@ -30,11 +28,14 @@ FLIGHT_LOG = (
     "truss.joint_torque",
     "actuators.used.y",
     "actuators.stored.y",
-    "controller.monitor.evidence",
     "controller.monitor.effectiveness",
-    "controller.monitor.held",
+    "faults.base_effect",
+    "faults.valves",
 )
 """Logged signals of the mean-axes controller with the reference hardware."""
+
+SERVO_STEP = 1e-3
+"""Largest step of the solver with a servo of this sample time [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +98,7 @@ def simulator_of(
     *,
     case: int = 1,
     nominal: TrussDynamics | None = None,
-    brakes: bool | None = None,
+    faults: bool = False,
     log: tuple[str, ...] = LOG,
     backend: str = "auto",
 ) -> Simulator:
@@ -108,15 +109,15 @@ def simulator_of(
     law : Law
         Control law.
     truss : TunableTruss
-        Plant.
+        Plant, with the reflected inertia of the drives.
     hardware : Hardware
         Hardware between controller and plant.
     case : int
         Case 1 or 2 of the paper.
     nominal : TrussDynamics, optional
         Nominal dynamics of the controller, by default those of the plant.
-    brakes : bool, optional
-        Whether joints have brakes, as for `with_failures`; by default no actuator can fail.
+    faults : bool
+        Whether the loop has `Faults`.
     log : tuple of str
         Logged signals.
     backend : str
@@ -130,9 +131,10 @@ def simulator_of(
         )
     else:
         diagram = transport_diagram(mission, truss, believed=nominal, hardware=hardware)
-    if brakes is not None:
-        with_failures(diagram, truss.dynamics, brakes=brakes)
-    return Simulator(diagram, step=law.step, log=log, log_step=0.02, backend=backend)
+    if faults:
+        add_faults(diagram, truss, hardware.sample_time)
+    step = min(law.step, SERVO_STEP) if hardware.servo else law.step
+    return Simulator(diagram, step=step, log=log, log_step=0.02, backend=backend)
 
 
 def law_simulator(
@@ -156,59 +158,49 @@ def law_simulator(
         As for `Simulator`.
     """
     chosen = (PAPER_LAWS if of_paper else LAWS)[law]
-    hardware = reference_hardware_of(1) if reference_hardware else chosen.hardware()
-    return simulator_of(chosen, chosen.truss(), hardware, backend=backend)
+    hardware = flight_hardware(1) if reference_hardware else chosen.hardware()
+    truss = hardware.mounted(chosen.truss())
+    return simulator_of(chosen, truss, hardware, backend=backend)
 
 
 def flight_simulator(
     case: int = 1,
     *,
+    arm: str = "literal",
     mass: float = 1.0,
     length: float = 1.0,
-    turned: bool = False,
-    **settings: Any,
+    backend: str = "auto",
 ) -> Simulator:
-    """Return the mean-axes loop of the accurate plant with the reference hardware.
+    """Return the mean-axes loop of the accurate plant with the reference hardware and `Faults`.
 
     Parameters
     ----------
     case : int
         Case 1 or 2 of the paper.
+    arm : str
+        Arm of the robots, as for `TunableTruss.accurate`.
     mass, length : float
         Masses and lengths of the arms in the nominal dynamics, relative to the plant [-].
-    turned : bool
-        Whether the truss has the attitude of `failure_tolerant_truss`.
-    **settings
-        Brakes and backend, as for `simulator_of`.
+    backend : str
+        As for `Simulator`.
     """
-    truss = failure_tolerant_truss(case) if turned else TunableTruss.accurate()
+    hardware = flight_hardware(case)
+    truss = hardware.mounted(TunableTruss.accurate(arm=arm))
     return simulator_of(
         LAWS["mean axes"],
         truss,
-        reference_hardware_of(case),
+        hardware,
         case=case,
         nominal=with_arms(truss.dynamics, mass=mass, length=length),
+        faults=True,
         log=FLIGHT_LOG,
-        **settings,
+        backend=backend,
     )
 
 
-def reference_hardware_of(case: int) -> Hardware:
-    """Return `Hardware.flight`, with a torque limit of 1 N·m and larger wheels in Case 2."""
-    return Hardware.flight(torque=None if case == 1 else 1.0, control="torque")
-
-
-def failure_tolerant_truss(case: int) -> TunableTruss:
-    """Return the accurate plant in the attitude by `best_attitude`, turned about body x."""
-    truss = TunableTruss.accurate()
-    path = path_of(Mission.of_case(case), truss)
-    best = best_attitude(
-        truss.dynamics,
-        path,
-        Hardware.flight(control="torque").limits(truss),
-        normal=(1, 0, 0),
-    )
-    return truss.turned(best.attitude)
+def flight_hardware(case: int) -> Hardware:
+    """Return `Hardware.flight`, with wheels of 1 N·m in Case 2."""
+    return Hardware.flight(torque=None if case == 1 else 1.0)
 
 
 def with_arms(dynamics: TrussDynamics, *, mass: float, length: float) -> TrussDynamics:

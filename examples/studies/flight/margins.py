@@ -1,6 +1,6 @@
 """Stability margins of the mean-axes loop along its path, linearized under thrust.
 
-At rest, a linearization does not show the effect of the thrust, which makes the arms buckle. So a run
+At rest, a linearization does not show the effect of the thrust, under which arms buckle without a servo. So a run
 without noise and quantization is stopped at an instant, and plant and controller are linearized there with
 held commands. The excitation is off: a torque that changes its sign every second sample has no steady state.
 """
@@ -20,6 +20,7 @@ from flight.samples import sample_parameters
 from trussflow.blocks.linear_analysis.margins import channel_disks, frequencies_about
 from trussflow.blocks.simulation.session import Session
 from trussflow.blocks.support.types import Vector
+from trussflow.models.hardware.hardware import Hardware
 from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.transport.mean_axes_wiring import mean_axes_transport
 from trussflow.models.transport.mission import Mission
@@ -33,15 +34,14 @@ INSTANTS = {
 }
 """Instants, relative to the duration of the path [-]; a quintic accelerates most at 1/2 ± 1/sqrt(12)."""
 
-VARIATIONS: dict[str, dict[str, float]] = {
-    "nominal": {},
-    "gain 0.5": {"actuators": 0.5},
-    "gain 0.7": {"actuators": 0.7},
-    "gain 1.4": {"actuators": 1.4},
-    "gain 2": {"actuators": 2.0},
-    "+20 ms": {"delay": 0.02},
+VARIATIONS = {
+    "nominal": (1.0, 0.0),
+    "base gain 0.5": (0.5, 0.0),
+    "base gain 2": (2.0, 0.0),
+    "+40 ms": (1.0, 0.04),
+    "+60 ms": (1.0, 0.06),
 }
-"""Variations of the loop, as arguments of `SampledLoop.closed`.
+"""Gain of all bases [-] and further delay of all commands [s] of the variations of the loop.
 
 Gains apply to the feedback at constant thrust. In a simulation, the loop also corrects a lack of thrust.
 """
@@ -49,20 +49,47 @@ Gains apply to the feedback at constant thrust. In a simulation, the loop also c
 DELAYS = np.arange(0.0, 0.21, 0.01)
 """Delays of the search for the delay margin [s]."""
 
-BUCKLING_RATE = 21.2
-"""Unstable pole of an arm at peak thrust [1/s]."""
-
 _STATES = [
     f"controller.estimator.{name}"
     for name in ("y", "nu", "eta", "eta_rate", "w", "posture")
 ]
 
 
-def loop_session(backend: str = "auto") -> Session:
-    """Return a session of the mean-axes loop of Case 1 without hardware, with a backend of `Session`."""
-    diagram = mean_axes_transport(Mission.of_case(1), TunableTruss.accurate())
-    step = LAWS["mean axes"].step
-    return Session(diagram, outputs=[], step=step, backend=backend)
+def loop_session(
+    mission: Mission | None = None,
+    truss: TunableTruss | None = None,
+    backend: str = "auto",
+) -> Session:
+    """Return a session of the mean-axes loop with drives and servo, without other hardware.
+
+    The servo is continuous: of its sample time and delay, 1.5 ms in total, nothing remains.
+
+    Parameters
+    ----------
+    mission : Mission, optional
+        Mission with constant joint references, by default Case 1.
+    truss : TunableTruss, optional
+        Plant without drives, by default the accurate one.
+    backend : str
+        As for `Session`.
+    """
+    hardware = Hardware.flight()
+    truss = hardware.mounted(truss or TunableTruss.accurate())
+    diagram = mean_axes_transport(mission or Mission.of_case(1), truss)
+    servo = hardware.servo
+    assert servo is not None
+    trajectory, controller = (diagram.blocks[n] for n in ("trajectory", "controller"))
+    command, bases = controller.port("command"), 6 * truss.robots
+    error = trajectory.port("position")[6:] - truss.task_position[6:]
+    torque = (
+        servo.proportional_gain * error - servo.derivative_gain * truss.rigid_speeds[6:]
+    )
+    for target in truss.actuation, controller.port("actuation"):
+        diagram.disconnect(target)
+        command[:bases] >> target[:bases]
+        command[bases:] + torque >> target[bases:]
+    torque >> controller.port("servo_torque")
+    return Session(diagram, outputs=[], step=LAWS["mean axes"].step, backend=backend)
 
 
 def loops_along(
@@ -76,7 +103,7 @@ def loops_along(
     Parameters
     ----------
     session : Session
-        Session of `mean_axes_transport` without hardware. For samples the truss must be a `TunableTruss`.
+        Session by `loop_session`, or of `mean_axes_transport` without hardware and with a `TunableTruss`.
     duration : float
         Duration of the path [s].
     parameters : mapping, optional
@@ -101,8 +128,15 @@ def loops_along(
         )
 
 
-def margins_of(loop: SampledLoop) -> dict[str, Any]:
+def margins_of(loop: SampledLoop, bases: int) -> dict[str, Any]:
     """Return the margins of a loop.
+
+    Parameters
+    ----------
+    loop : SampledLoop
+        Loop of bases and joints.
+    bases : int
+        Number of the commands of bases, the first ones [-].
 
     Returns
     -------
@@ -111,7 +145,13 @@ def margins_of(loop: SampledLoop) -> dict[str, Any]:
         margin of an actuator or sensor with all other loops closed, 0 if unstable [-]. ``delay``: smallest
         delay of all commands that makes the loop unstable, infinite above `DELAYS` [s].
     """
-    radii = [spectral_radius(loop.closed(**change)) for change in VARIATIONS.values()]
+    of_base = np.arange(loop.plant.ninputs) < bases
+    radii = [
+        spectral_radius(
+            loop.closed(actuators=np.where(of_base, gain, 1.0), delay=delay)
+        )
+        for gain, delay in VARIATIONS.values()
+    ]
     return {
         "growth": np.log(radii) / loop.controller.dt,
         "disk": min_disk(loop) if radii[0] < 1.0 else 0.0,
@@ -161,7 +201,7 @@ def margins_along(seeds: list[int]) -> xr.Dataset:
     found = []
     for seed in seeds:
         loops = loops_along(session, duration, sample_parameters(plant, seed))
-        found.append([margins_of(loop) for _, loop in loops])
+        found.append([margins_of(loop, 6 * plant.robots) for _, loop in loops])
     along = "seed", "instant"
     dims = {"growth": (*along, "variation"), "disk": along, "delay": along}
     return xr.Dataset(
@@ -171,30 +211,3 @@ def margins_along(seeds: list[int]) -> xr.Dataset:
         },
         {"seed": seeds, "instant": list(INSTANTS), "variation": list(VARIATIONS)},
     )
-
-
-def max_gain_ratio(growth: float, dead_time: float) -> float:
-    r"""Return the largest ratio of loop gains that one linear controller can stabilize [-].
-
-    With actuator gains k from :math:`k_1` to :math:`k_2`, the loop is stable if the complementary
-    sensitivity T has no eigenvalue :math:`1 / (1 - k)` in the right half-plane. A conformal map takes the
-    rest of the plane to the unit disk, and 0 to 0. T has the eigenvalue 1 at the unstable pole p, and the
-    factor :math:`e^{-\tau s}` of the dead time. By the maximum principle, for every controller,
-
-    .. math:: \frac{k_2}{k_1} < \left(\frac{e^{p\tau} + 1}{e^{p\tau} - 1}\right)^2
-
-    Parameters
-    ----------
-    growth : float
-        Unstable pole p of the plant, positive [1/s].
-    dead_time : float
-        :math:`\tau`, from a measurement to the first measured response to it; with sampling a number of
-        whole sample times, one of them for the hold [s].
-
-    References
-    ----------
-    Khargonekar, Tannenbaum (1985), *Non-Euclidian metrics and the robust stabilization of systems with
-    parameter uncertainty*, IEEE Transactions on Automatic Control 30 (10).
-    """
-    late = np.exp(growth * dead_time)
-    return float(((late + 1.0) / (late - 1.0)) ** 2)

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any, SupportsFloat
 
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 from study_tools.data_files import data_beside
 from study_tools.ledger import Ledger, Note
@@ -27,8 +26,8 @@ GOALS: dict[str, float] = {
     name: metric["goal"] for name, metric in METRICS.items() if "goal" in metric
 }
 
-MAX_POSITION, MAX_JOINTS, MAX_LATE_POSITION = 0.05, 0.2, 5e-3
-"""A run fails if its position [m] or joint error [rad] exceeds these, or its late position error does [m]."""
+MAX_POSITION, MAX_JOINTS, MAX_FINAL_POSITION = 0.05, 0.2, 5e-3
+"""A run is lost if its position [m] or joint error [rad] exceeds these, or its final position error does [m]."""
 
 SCALED_UNITS = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "kg": ("g", 1e3)}
 """Smaller units in the tables, with their factors."""
@@ -40,30 +39,21 @@ def display_unit(name: str) -> tuple[str, float]:
     return SCALED_UNITS.get(unit, (readable(unit), 1.0))
 
 
-def tracking(
-    run: xr.Dataset, joints: slice | npt.NDArray[np.bool_] = slice(None)
-) -> dict[str, float]:
-    """Return the tracking errors among the `METRICS` of a run; only the given joints count."""
+def tracking(run: xr.Dataset) -> dict[str, float]:
+    """Return the tracking errors among the `METRICS` of a run."""
     error = run["truss.task_position"].values - run["trajectory.position"].values
     parts = {
         "position": error[:, :3],
         "attitude": error[:, 3:6],
-        "joints": error[:, 6:][:, joints],
+        "joints": error[:, 6:],
     }
     found = tracking_metrics(run["time"].values, parts)
+    prefixes = {"": "peak ", "late ": "late ", "final ": "final "}
     return {
-        name: found[
-            f"{'' if name.startswith('late') else 'peak '}{name} ({METRICS[name]['kind']})"
-        ]
-        for name in (*parts, *(f"late {part}" for part in parts))
-    }
-
-
-def torques(run: xr.Dataset) -> dict[str, float]:
-    """Return the largest torques of a run [N·m]."""
-    return {
-        f"{part} torque": largest_component(run[f"truss.{part}_torque"])
-        for part in ("base", "joint")
+        name: found[f"{prefix}{part} ({METRICS[name]['kind']})"]
+        for shown, prefix in prefixes.items()
+        for part in parts
+        if (name := f"{shown}{part}") in METRICS
     }
 
 
@@ -72,15 +62,36 @@ def run_metrics(run: xr.Dataset) -> dict[str, float]:
     late, force = late_part(run["time"].values), run["truss.base_force"].values
     return {
         **tracking(run),
-        **torques(run),
+        **isolation(run),
         "force": largest_component(force),
+        "base torque": largest_component(run["truss.base_torque"]),
+        "joint torque": largest_component(run["truss.joint_torque"]),
         "late grasp 4": largest_norm(run["truss.grasp_displacement"].values[late, 3]),
         "late force": largest_component(force[late]),
         "propellant": float(run["actuators.used.y"].values[-1].sum()),
-        "evidence": float(run["controller.monitor.evidence"].values.max()),
-        "alarms": float(
-            (run["controller.monitor.effectiveness"].values[-1] < 1.0).any()
-        ),
+    }
+
+
+def isolation(run: xr.Dataset) -> dict[str, float]:
+    """Return false alarms and isolation time of a run.
+
+    A false alarm is the isolation of a base without a fault or before it. The isolation time is that of the faulty
+    base that is isolated last: infinite if one is never isolated, NaN without a faulty base.
+    """
+    time, effect = run["time"].values, run["faults.base_effect"].values
+    bases = 6 * effect.shape[1]
+    valves = run["faults.valves"].values[:, :bases].reshape(*effect.shape, 6)
+    isolated = run["controller.monitor.effectiveness"].values[:, :bases:6] < 1.0
+    faulty = (effect < 1.0) | valves.any(axis=-1)
+    begin, found = (
+        np.where(flags.any(axis=0), time[flags.argmax(axis=0)], np.inf)
+        for flags in (faulty, isolated)
+    )
+    concerned = np.isfinite(begin)
+    delays = found[concerned] - begin[concerned]
+    return {
+        "false alarms": float(np.sum(found < begin)),
+        "isolated after": float(delays.max()) if delays.size else np.nan,
     }
 
 
@@ -89,7 +100,7 @@ def successful(found: xr.Dataset) -> xr.DataArray:
     near = (found["position"] <= MAX_POSITION) & (found["joints"] <= MAX_JOINTS)
     return (
         near
-        & (found["late position"] < MAX_LATE_POSITION)
+        & (found["final position"] < MAX_FINAL_POSITION)
         & (found["status"] == "complete")
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import xarray as xr
@@ -11,12 +11,12 @@ from study_tools.ledger import Ledger
 
 from flight import sections
 from flight.campaigns import (
+    AT_REST,
     EXACT,
-    FAILURES,
     FIRST_SEED,
-    OFF_NOMINAL,
+    HEALTHY,
+    LOOPS,
     PROPELLANT,
-    SAMPLES,
     Campaign,
     all_campaigns,
     loop_fingerprint,
@@ -24,8 +24,10 @@ from flight.campaigns import (
 from flight.limits import robustness_limits, simulated, trial_simulator
 from flight.loops import LAWS
 from flight.margins import loop_session, margins_along
+from flight.metrics import MAX_FINAL_POSITION, MAX_JOINTS, MAX_POSITION, METRICS
 from flight.samples import NOMINAL_SEED
 from flight.texts import HEAD
+from trussflow.blocks.support.files import replaced
 from trussflow.models.reporting.metrics import DEFINITIONS
 
 MARGIN_SEEDS = [NOMINAL_SEED, *range(FIRST_SEED, FIRST_SEED + 6)]
@@ -49,7 +51,11 @@ def make_report(count: int, output: Path, runs: Path, workers: int | None) -> Pa
         Number of parallel runs, as for `sweep` [-].
     """
     campaigns = all_campaigns(count)
-    found = {one.name: one.run(runs, workers=workers) for one in campaigns}
+    # Threads share the simulators, whose preparation takes as long as a run.
+    found = {
+        one.name: one.run(runs, workers=workers, executor="threads")
+        for one in campaigns
+    }
     bounds = robustness_limits(
         lambda trials, number: simulated(
             trials, runs / f"limits-{number}", workers=workers
@@ -66,7 +72,7 @@ def fingerprints() -> dict[str, list[float]]:
     for law in LAWS:
         trial = ("law", law), ("imperfection", "hold"), ("value", 0.0)
         found[LIMITS] += loop_fingerprint(trial_simulator, trial)
-    found[MARGINS] = fingerprint(loop_session("numpy"))
+    found[MARGINS] = fingerprint(loop_session(backend="numpy"))
     return found
 
 
@@ -78,7 +84,7 @@ def write(
     folder: Path,
     recorded: Mapping[str, Sequence[float]],
 ) -> Path:
-    """Write report, figure and evidence, and return the file of the report.
+    """Write report, details and evidence, and return the file of the report.
 
     Parameters
     ----------
@@ -100,18 +106,35 @@ def write(
     grouped: dict[str, dict[str, xr.Dataset]] = {}
     for one in campaigns:
         grouped.setdefault(one.section, {})[one.name] = found[one.name]
-    samples = sections.samples_section(grouped[SAMPLES], ledger, folder)
+    loops = {name: joined(grouped[name].values()) for name in LOOPS}
+    at_rest = dict(zip(LOOPS, grouped[AT_REST].values(), strict=True))
+    head = HEAD.format(
+        definitions=DEFINITIONS,
+        position=1e2 * MAX_POSITION,
+        joints=MAX_JOINTS,
+        final=1e3 * MAX_FINAL_POSITION,
+        tables=sections.summary_tables(loops, ledger),
+    )
     texts = {
-        LIMITS: sections.limits_section(bounds, ledger),
-        SAMPLES: samples,
+        "Healthy samples": sections.samples_section(loops, at_rest, ledger),
         "Feasibility": sections.missions_section(ledger),
-        FAILURES: sections.failures_section(grouped[FAILURES], ledger),
         MARGINS: sections.margins_section(margins, ledger),
-        OFF_NOMINAL: sections.off_nominal_section(grouped[OFF_NOMINAL], ledger),
         PROPELLANT: sections.propellant_section(grouped[PROPELLANT], ledger),
+        LIMITS: sections.limits_section(bounds, ledger),
         EXACT: sections.loops_section(found["exact loops"], ledger),
     }
-    parts = [HEAD.format(definitions=DEFINITIONS)]
-    parts += [f"## {title}\n\n{text}\n" for title, text in texts.items()]
-    count = len(found["case 1"]["sample"])
-    return write_report(folder, "\n".join(parts), ledger, recorded, samples=count)
+    parts = [head, *(f"## {title}\n\n{text}\n" for title, text in texts.items())]
+    with replaced(folder / "details.md") as partial:
+        partial.write_text(sections.details_page(loops), encoding="utf-8")
+    counts = {
+        name: int(sum(runs["kind"].values == HEALTHY)) for name, runs in loops.items()
+    }
+    return write_report(folder, "\n".join(parts), ledger, recorded, samples=counts)
+
+
+def joined(found: Iterable[xr.Dataset]) -> xr.Dataset:
+    """Return metrics and status of all runs of a loop, NaN in runs without results."""
+    parts = [
+        one[[name for name in (*METRICS, "status") if name in one]] for one in found
+    ]
+    return xr.concat(parts, "sample", data_vars="all", join="outer")

@@ -4,23 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from pathlib import Path
+from itertools import product
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from study_tools.ledger import Ledger
+from study_tools.ledger import Ledger, pretty
 
 from flight.campaigns import (
-    ARM_ERROR,
+    DURATION,
     FIRST_SEED,
+    HEALTHY,
     INITIAL_MOMENTUM,
     INITIAL_PROPELLANT,
     LONG_DURATION,
+    LONG_SAMPLES,
 )
 from flight.limits import IMPERFECTIONS
-from flight.loops import LAWS, PAPER_LAWS, reference_hardware_of
-from flight.margins import BUCKLING_RATE, VARIATIONS, max_gain_ratio
+from flight.loops import LAWS, PAPER_LAWS, flight_hardware
+from flight.margins import VARIATIONS
 from flight.metrics import (
     GOALS,
     METRICS,
@@ -37,40 +39,33 @@ from flight.samples import (
     MIN_DAMPING,
     NOMINAL_SEED,
 )
-from flight.texts import (
-    FAILURES,
-    LIMITS,
-    LOOPS,
-    MARGINS,
-    MISSIONS,
-    OFF_NOMINAL,
-    PROPELLANT,
-    SAMPLES,
-)
+from flight.texts import DETAILS, LIMITS, LOOPS, MARGINS, MISSIONS, PROPELLANT, SAMPLES
 from trussflow.models.feasibility import survey
-from trussflow.models.mean_axes.design import MeanAxesDesign
+from trussflow.models.feasibility.failures import single_failures
 from trussflow.models.plant.space_truss import SpaceTruss
-from trussflow.models.reporting.figures import Curve, Panel, drawing, save
+from trussflow.models.reporting.metrics import LATE_WINDOW
 from trussflow.models.reporting.tables import markdown_table
 from trussflow.models.transport.mission import CASES, Mission
 from trussflow.models.transport.wiring import path_of
 
-OFF_NOMINAL_METRICS = (
-    "position",
-    "attitude",
-    "joints",
-    "late position",
+SUMMARY_METRICS = ("position", "attitude", "joints", "final position")
+
+DETAIL_METRICS = (
+    *SUMMARY_METRICS,
     "base torque",
-    "alarms",
+    "joint torque",
+    "false alarms",
+    "isolated after",
 )
-FIGURE_METRICS = ("position", "attitude", "late position", "late grasp 4")
+
+SAMPLE_METRICS = [
+    name
+    for name in METRICS
+    if name not in ("false alarms", "isolated after", "grasp 4")
+    and not name.startswith(("propellant of", "final momentum", "late vibration"))
+]
 
 Results = Mapping[str, xr.Dataset]
-
-
-def cumulative(label: str, values: np.ndarray) -> Curve:
-    """Return the empirical distribution of values [any]."""
-    return Curve(label, np.sort(values), np.arange(1, len(values) + 1) / len(values))
 
 
 def metrics_of(data: xr.Dataset) -> dict[str, Any]:
@@ -78,56 +73,79 @@ def metrics_of(data: xr.Dataset) -> dict[str, Any]:
     return {name: data[name] for name in METRICS if name in data}
 
 
-def samples_section(found: Results, ledger: Ledger, folder: Path) -> str:
-    """Return the metrics of the Monte Carlo samples by case, and write their figure into the folder."""
-    rows, panels, counts = [], [], []
-    header = ["largest value of a run"]
-    for case, data in found.items():
-        complete = np.isfinite(data["position"].values)
-        note = ledger.of(case)
-        succeeded = note("complete", int(complete.sum()))
-        counts.append(
-            f"{succeeded} of {note('samples', complete.size)} in {case.title()}"
-        )
-        header += [f"{case.title()}: median", "worst", "goal: below", "missed by"]
-    for name in metrics_of(data):
-        display, factor = display_unit(name)
-        cells, curves = [heading(name)], []
-        for case, data in found.items():
-            values, note = data[name].values, ledger.of(case)
+def summary_tables(found: Results, ledger: Ledger) -> str:
+    """Return the table of the kinds of condition of each loop, with the worst metrics of their runs."""
+    tables = []
+    for loop, runs in found.items():
+        rows = {}
+        for kind in dict.fromkeys(runs["kind"].values.tolist()):
+            data = runs.isel(sample=runs["kind"].values == kind)
+            after = data["isolated after"].values
+            isolated = after[np.isfinite(after)]
+            count = data.sizes["sample"]
+            rows[f"{loop}, {kind}"] = {
+                "condition": kind,
+                "runs": count,
+                "lost": count - int(successful(data).sum()),
+                **{
+                    name: float(data[name].fillna(np.inf).max())
+                    for name in SUMMARY_METRICS
+                },
+                "false alarms": int(data["false alarms"].sum()),
+                "isolated": "" if np.isnan(after).all() else isolated.size,
+                "isolated after": float(isolated.max()) if isolated.size else "",
+            }
+        tables.append(f"### {loop[0].upper()}{loop[1:]}\n\n{table(ledger, rows)}")
+    return "\n\n".join(tables)
+
+
+def details_page(found: Results) -> str:
+    """Return the page of the single runs, except those of healthy samples."""
+    header = ["run", "lost", *map(heading, DETAIL_METRICS)]
+    parts = [DETAILS]
+    for loop, runs in found.items():
+        data = runs.isel(sample=runs["kind"].values != HEALTHY)
+        columns = [display_unit(name)[1] * data[name].values for name in DETAIL_METRICS]
+        lost = np.where(successful(data).values, "", "yes")
+        rows = []
+        for k, label in enumerate(data["sample"].values):
+            values = [float(column[k]) for column in columns]
+            cells = ["" if np.isnan(value) else pretty(value) for value in values]
+            rows.append([str(label), lost[k], *cells])
+        table = markdown_table(header, rows)
+        parts.append(f"## {loop[0].upper()}{loop[1:]}\n\n{table}\n")
+    return "\n".join(parts)
+
+
+def samples_section(found: Results, at_rest: Results, ledger: Ledger) -> str:
+    """Return median and worst metrics of the healthy samples of each loop, late ones of the long runs."""
+    header, rows = ["largest value of a run", "goal: below"], []
+    for loop in found:
+        header += [f"{loop}: median", "worst", "not below"]
+    for name in SAMPLE_METRICS:
+        goal, factor = GOALS.get(name), display_unit(name)[1]
+        cells = [heading(name), f"{factor * goal:.3g}" if goal else ""]
+        for loop, runs in (at_rest if name.startswith("late") else found).items():
+            values = runs[name].values[runs["kind"].values == HEALTHY]
+            note = ledger.of(f"{loop}, {HEALTHY}")
             cells += [
                 displayed(note, f"{name}, median", np.nanmedian(values)),
-                displayed(note, f"{name}, greatest", np.nanmax(values)),
+                displayed(note, f"{name}, worst", np.nanmax(values)),
+                note(f"{name}, not below", int(np.sum(~(values < goal))))
+                if goal
+                else "",
             ]
-            goal = GOALS.get(name)
-            if name.endswith("torque"):
-                goal = torque_limit(int(case[-1]))
-            if goal is None:
-                cells += ["", ""]
-            else:
-                missed = int(np.sum(~(values < goal * (1.0 - 1e-9))))
-                cells += [f"{factor * goal:.3g}", note(f"{name}, not below", missed)]
-            curves.append(cumulative(case.title(), factor * values))
         rows.append(cells)
-        if name in FIGURE_METRICS:
-            panels.append(
-                Panel(
-                    curves=curves,
-                    x=f"{name} [{display}]",
-                    y="share of samples [-]",
-                    marks=[factor * GOALS[name]],
-                    legend_inside=True,
-                )
-            )
-    save(drawing(panels), folder / "samples.png", small=True)
     return SAMPLES.format(
-        counts=", ".join(counts),
         deviation=MAX_DEVIATION,
         min_damping=MIN_DAMPING,
         max_damping=MAX_DAMPING,
         payload=MAX_PAYLOAD,
         first=FIRST_SEED,
-        duration=LONG_DURATION,
+        duration=DURATION,
+        count=LONG_SAMPLES,
+        late=LATE_WINDOW,
+        long=LONG_DURATION,
         table=markdown_table(header, rows),
     )
 
@@ -159,17 +177,19 @@ def limits_section(
 
 def missions_section(ledger: Ledger) -> str:
     """Return the feasibility of the missions with each single failure."""
-    plant, rows, header = SpaceTruss.accurate(), dict[str, list[str]](), ["failure"]
+    plant = flight_hardware(1).mounted(SpaceTruss.accurate())
+    # Robots with braked joints have the same feasibility as their bases, which come first.
+    failures = single_failures(plant.dynamics)[: 1 + plant.robots]
+    rows, header = dict[str, list[str]](), ["failure"]
     for case in CASES:
         header += [
             f"Case {case}: margin [-]",
             "least duration [s]",
             "needed torque [N·m]",
         ]
-        limits = reference_hardware_of(case).limits(plant)
-        for one in survey(
-            plant.dynamics, path_of(Mission.of_case(case), plant), limits
-        ):
+        limits = flight_hardware(case).limits(plant)
+        path = path_of(Mission.of_case(case), plant)
+        for one in survey(plant.dynamics, path, limits, failures):
             note = partial(ledger.of(f"case {case}, {one.failure}"), show_unit=False)
             rows.setdefault(one.failure, [one.failure]).extend(
                 [
@@ -181,67 +201,34 @@ def missions_section(ledger: Ledger) -> str:
     return MISSIONS.format(table=markdown_table(header, [*rows.values()]))
 
 
-def torque_limit(case: int) -> float:
-    """Return the torque limit of bases and joints in a case [N·m]."""
-    joints = SpaceTruss.consistent().dynamics.joint_data
-    return float(reference_hardware_of(case).drives(joints).maximum[0])
-
-
-def failures_section(found: Results, ledger: Ledger) -> str:
-    """Return the metrics of the runs with a failure."""
-    rows = {
-        str(label): {"failure": str(label), **metrics_of(data.sel(sample=label))}
-        for data in found.values()
-        for label in data["sample"].values
-    }
-    return FAILURES.format(table=table(ledger, rows))
-
-
 def margins_section(found: xr.Dataset, ledger: Ledger) -> str:
     """Return the margins of the nominal loop and the worst of the samples, at each instant."""
-    drawn = found.where(found["seed"] != NOMINAL_SEED, drop=True)
-    groups = (
-        ("nominal", found.sel(seed=[NOMINAL_SEED]), [*VARIATIONS]),
-        ("worst sample", drawn, ["nominal"]),
-    )
+    drawn = found["seed"].values != NOMINAL_SEED
+    groups = {
+        "nominal truss": found.isel(seed=~drawn),
+        "worst sample": found.isel(seed=drawn),
+    }
     rows = []
-    for instant in found["instant"].values:
-        cells = [str(instant)]
-        for name, loops, shown in groups:
-            at, note = loops.sel(instant=instant), ledger.of(f"{instant}, {name}")
-            note = partial(note, digits=2, show_unit=False)
-            growth = at["growth"].max("seed")
-            cells += [
+    for instant, (name, loops) in product(found["instant"].values, groups.items()):
+        run, at = f"{instant}, {name}", loops.sel(instant=instant)
+        note = partial(ledger.of(run), digits=2, show_unit=False)
+        growth = at["growth"].max("seed")
+        rows.append(
+            [
+                run,
                 *(
                     note(f"growth, {v}", float(growth.sel(variation=v)), "1/s")
-                    for v in shown
+                    for v in VARIATIONS
                 ),
                 note("disk", float(at["disk"].min())),
                 note("delay", 1e3 * float(at["delay"].min()), "ms"),
             ]
-        rows.append(cells)
-    last = ["disk", "delay [ms]"]
-    header = ["Case 1", *VARIATIONS, *last, "worst sample: nominal", *last]
-    ratio = max_gain_ratio(BUCKLING_RATE, 2 * MeanAxesDesign.shipped().sample_time)
+        )
+    header = ["Case 1", *VARIATIONS, "disk", "delay [ms]"]
     return MARGINS.format(
         table=markdown_table(header, rows),
-        count=ledger("margins: samples", drawn.sizes["seed"]),
-        ratio=ledger("margins: largest ratio of gains", ratio, digits=2),
+        count=ledger("margins: samples", int(drawn.sum())),
     )
-
-
-def off_nominal_section(found: Results, ledger: Ledger) -> str:
-    """Return the worst metrics of each off-nominal case."""
-    rows = {}
-    for name, data in found.items():
-        succeeded = successful(data).values
-        count = ledger.of(name)("successful", int(succeeded.sum()))
-        rows[name] = {
-            "case": name,
-            "successful": f"{count} of {len(succeeded)}",
-            **{metric: data[metric].max() for metric in OFF_NOMINAL_METRICS},
-        }
-    return OFF_NOMINAL.format(table=table(ledger, rows), error=ARM_ERROR)
 
 
 def propellant_section(found: Results, ledger: Ledger) -> str:
@@ -254,6 +241,7 @@ def propellant_section(found: Results, ledger: Ledger) -> str:
         table=table(ledger, rows),
         momentum=", ".join(f"{each:g}" for each in INITIAL_MOMENTUM),
         propellant=INITIAL_PROPELLANT,
+        duration=LONG_DURATION,
     )
 
 
@@ -263,4 +251,4 @@ def loops_section(found: xr.Dataset, ledger: Ledger) -> str:
         f"exact, {key}": {"Case 1": law.label, **metrics_of(found.sel(sample=key))}
         for key, law in PAPER_LAWS.items()
     }
-    return LOOPS.format(table=table(ledger, rows))
+    return LOOPS.format(table=table(ledger, rows), duration=LONG_DURATION)

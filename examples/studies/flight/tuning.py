@@ -158,7 +158,7 @@ def tuned_designs(
 
 def loop_fingerprints() -> list[float]:
     """Return the fingerprints of the simulated and of the linearized loop."""
-    linearized = fingerprint(loop_session("numpy"))
+    linearized = fingerprint(loop_session(backend="numpy"))
     return loop_fingerprint(flight_simulator, (("case", 1),)) + linearized
 
 

@@ -9,11 +9,12 @@ from trussflow.models.reporting.metrics import LATE_WINDOW, tracking_metrics
 
 
 def run():
-    time = np.linspace(0.0, 50.0, 501)
-    late = time >= 50.0 - LATE_WINDOW
+    time = np.linspace(0.0, 100.0, 501)
+    late = time >= 100.0 - LATE_WINDOW
     error = np.zeros((501, 34))
     error[100, :3] = [3e-3, 4e-3, 0.0]
-    error[450, :3] = [0.0, 6e-5, -8e-5]
+    error[460, :3] = [0.0, 6e-5, -8e-5]
+    error[500, :3] = [3e-5, 0.0, 4e-5]
     error[100, 4] = -2e-3
     error[100, 20] = 0.03
     force = np.where(late[:, None, None], 0.1, -3.0) * np.ones((501, 4, 3))
@@ -25,8 +26,9 @@ def run():
         "truss.joint_torque": np.full((501, 28), -0.2),
         "truss.grasp_displacement": np.full((501, 4, 3), 1e-3),
         "actuators.used.y": np.outer(time, [1.0, 2.0, 3.0, 4.0]),
-        "controller.monitor.evidence": np.outer(time, np.arange(8.0)),
         "controller.monitor.effectiveness": np.ones((501, 52)),
+        "faults.base_effect": np.ones((501, 4)),
+        "faults.valves": np.zeros((501, 52)),
     }
     return xr.Dataset(
         {
@@ -50,16 +52,17 @@ def test_metrics_of_known_curves():
     expected |= {
         "joint torque": 0.2,
         "late position": 1e-4,
+        "final position": 5e-5,
         "late attitude": 0.0,
         "late joints": 0.0,
     }
     expected |= {
         "late grasp 4": 1e-3 * 3**0.5,
         "late force": 0.1,
-        "propellant": 500.0,
-        "evidence": 350.0,
+        "propellant": 1000.0,
+        "isolated after": np.nan,
     }
-    for name, value in (expected | {"alarms": 0.0}).items():
+    for name, value in (expected | {"false alarms": 0.0}).items():
         assert_allclose(found[name], value, rtol=1e-9, atol=1e-12)
 
 
@@ -90,5 +93,5 @@ def test_headings_have_kind_and_unit():
 
 def test_an_alarm_at_any_time_counts():
     alarmed = run()
-    alarmed["controller.monitor.effectiveness"][300:, 7] = 0.0
-    assert run_metrics(alarmed)["alarms"] == 1.0
+    alarmed["controller.monitor.effectiveness"][300:400, 6:12] = 0.0
+    assert run_metrics(alarmed)["false alarms"] == 1.0
