@@ -129,8 +129,10 @@ class Campaign:
             **options,
         )
         found = found.drop_vars(names, errors="ignore")
-        kinds = {"kind": ("sample", list(self.kinds))} if self.kinds else {}
-        return found.assign_coords(sample=list(self.labels), **kinds)
+        coordinates: dict[str, Any] = {"sample": list(self.labels)}
+        if self.kinds:
+            coordinates["kind"] = "sample", list(self.kinds)
+        return found.assign_coords(coordinates)
 
     def fingerprint(self) -> list[float]:
         """Return the numbers that identify loops, duration, parameters and initial states."""

@@ -156,7 +156,8 @@ def unit(size: int, index: int) -> Vector:
     size, index : int
         Number of elements, and index of the one [-].
     """
-    return np.eye(size)[index]
+    found: Vector = np.eye(size)[index]
+    return found
 
 
 class Condition(NamedTuple):

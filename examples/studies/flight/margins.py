@@ -17,9 +17,11 @@ import xarray as xr
 from flight.loops import LAWS
 from flight.sampled_loop import SampledLoop, spectral_radius
 from flight.samples import sample_parameters
+from trussflow.blocks.framework.port import Input, Output
+from trussflow.blocks.library.algebra import Function
 from trussflow.blocks.linear_analysis.margins import channel_disks, frequencies_about
 from trussflow.blocks.simulation.session import Session
-from trussflow.blocks.support.types import Vector
+from trussflow.blocks.support.types import Array, Vector
 from trussflow.models.hardware.hardware import Hardware
 from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.transport.mean_axes_wiring import mean_axes_transport
@@ -76,19 +78,26 @@ def loop_session(
     hardware = Hardware.flight()
     truss = hardware.mounted(truss or TunableTruss.accurate())
     diagram = mean_axes_transport(mission or Mission.of_case(1), truss)
-    servo = hardware.servo
-    assert servo is not None
-    trajectory, controller = (diagram.blocks[n] for n in ("trajectory", "controller"))
+    gains = hardware.servo
+    assert gains is not None
+
+    def torques(reference: Array, angles: Array, rates: Array) -> Array:
+        stiffness, damping = gains.proportional_gain, gains.derivative_gain
+        return stiffness * (reference - angles) - damping * rates
+
+    inputs = {name: Input(truss.joints) for name in ("reference", "angles", "rates")}
+    servo = Function(torques, inputs, {"torques": Output(truss.joints)})
+    diagram.add(servo=servo)
+    controller = diagram.blocks["controller"]
+    diagram.blocks["trajectory"].port("position")[6:] >> servo.port("reference")
+    truss.task_position[6:] >> servo.port("angles")
+    truss.rigid_speeds[6:] >> servo.port("rates")
     command, bases = controller.port("command"), 6 * truss.robots
-    error = trajectory.port("position")[6:] - truss.task_position[6:]
-    torque = (
-        servo.proportional_gain * error - servo.derivative_gain * truss.rigid_speeds[6:]
-    )
     for target in truss.actuation, controller.port("actuation"):
         diagram.disconnect(target)
         command[:bases] >> target[:bases]
-        command[bases:] + torque >> target[bases:]
-    torque >> controller.port("servo_torque")
+        command[bases:] + servo.port("torques") >> target[bases:]
+    servo.port("torques") >> controller.port("servo_torque")
     return Session(diagram, outputs=[], step=LAWS["mean axes"].step, backend=backend)
 
 

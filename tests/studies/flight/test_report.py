@@ -26,7 +26,7 @@ def invented(campaign):
     """Return results of a campaign."""
     runs = {"sample": list(campaign.labels)}
     if campaign.section == "Propellant and wheel management":
-        names = re.findall("position|propellant.*|final.*", "\n".join(METRICS))
+        names = re.findall("^position|propellant.*|final m.*", "\n".join(METRICS))
         return dataset(1e-3, names, **runs)
     if campaign.section == "Exact loops":
         names = "position", "late position", "late attitude", "grasp 4"
