@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache, partial
-from itertools import cycle, product
+from itertools import cycle, product, repeat
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +13,12 @@ import numpy as np
 import xarray as xr
 from study_tools.evidence import fingerprint, projection
 
-from flight.faults import Condition, fault_conditions
+from flight.faults import fault_runs
 from flight.loops import PAPER_LAWS, flight_hardware, flight_simulator, law_simulator
-from flight.metrics import run_metrics, tracking
+from flight.metrics import LATE_WINDOW, run_metrics, tracking
 from flight.samples import NOMINAL_SEED, run_parameters
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.sweeps.sweep import sweep
-from trussflow.models.hardware.hardware import Hardware
 from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.reporting.metrics import largest_norm, late_part
 from trussflow.models.transport.mission import CASES
@@ -31,9 +30,9 @@ TRUSSES = (NOMINAL_SEED, FIRST_SEED, FIRST_SEED + 1)
 """Seeds of the trusses that the runs of one kind of condition have in turn."""
 
 LOOPS: dict[str, tuple[dict[str, Any], float]] = {
-    "literal arm, Case 1": ({"case": 1, "arm": "literal"}, 1.0),
-    "literal arm, Case 2": ({"case": 2, "arm": "literal"}, 1.0),
-    "jaco arm, Case 1": ({"case": 1, "arm": "jaco"}, 0.25),
+    "Literal arm, Case 1": ({"case": 1, "arm": "literal"}, 1.0),
+    "Literal arm, Case 2": ({"case": 2, "arm": "literal"}, 1.0),
+    "Jaco arm, Case 1": ({"case": 1, "arm": "jaco"}, 0.25),
 }
 """Loops by name: arguments of `flight_simulator`, and share of the Monte Carlo samples [-]."""
 
@@ -46,18 +45,17 @@ DURATION, LONG_DURATION = 62.0, 100.0
 LONG_SAMPLES = 8
 """Number of Monte Carlo samples that are also simulated for the long duration [-]."""
 
-HEALTHY = "healthy samples"
-"""Kind of the runs without a fault."""
 
-AT_REST = "At rest"
 PROPELLANT, EXACT = "Propellant and wheel management", "Exact loops"
 """Titles of sections of the report."""
 
-GAINS = (0.5, 2.0)
-"""Gains of all bases, actual by commanded forces and torques [-]."""
-
 ARM_ERROR = 0.05
 """Relative excess of mass and length of the arms above those of the nominal dynamics [-]."""
+
+HEALTHY = "healthy samples"
+AT_REST = f"healthy samples, {LONG_DURATION:g} s"
+OTHER_ARMS = f"arms {ARM_ERROR:.0%} heavier and longer"
+"""Kinds of the runs without a fault."""
 
 INITIAL_MOMENTUM = (3.0, 2.0, 1.0)
 """Initial momentum of the wheels of each base, by axis [N·m·s]."""
@@ -189,90 +187,50 @@ def loop_campaigns(name: str, options: Mapping[str, Any], count: int) -> list[Ca
     """Return the campaigns of one of the `LOOPS`, with its options and `count` Monte Carlo samples."""
     plant = TunableTruss.accurate(arm=options["arm"])
 
-    def with_truss(condition: Condition, seed: int) -> Condition:
-        """Return a condition with the truss and the noise of a seed."""
-        truss = "nominal truss" if seed == NOMINAL_SEED else f"seed {seed}"
-        return condition._replace(
-            label=f"{condition.label}, {truss}",
-            parameters=condition.parameters | run_parameters(plant, seed),
-        )
-
     def campaign(
-        part: str, conditions: Iterable[Condition], **deviation: float
+        part: str,
+        runs: Iterable[tuple[str, str, dict[str, Any]]],
+        seeds: Iterable[int],
+        duration: float = DURATION,
+        **deviation: float,
     ) -> Campaign:
-        """Return the campaign of conditions, with further arguments of the loop."""
-        kinds, labels, rows = zip(*conditions, strict=True)
+        """Return the campaign of runs, each with the truss and the noise of a seed."""
+        given = list(zip(runs, seeds, strict=False))
         return Campaign(
             section=name,
             name=f"{name}, {part}",
             options={**options, **deviation},
-            rows=rows,
-            labels=labels,
-            kinds=kinds,
+            rows=[changes | run_parameters(plant, k) for (_, _, changes), k in given],
+            labels=[f"{label}, {truss_name(k)}" for (_, label, _), k in given],
+            kinds=[kind for (kind, _, _), _ in given],
+            duration=duration,
         )
-
-    def samples(seeds: range) -> Campaign:
-        """Return the campaign of some healthy samples."""
-        return campaign(f"seeds {seeds[0]} to {seeds[-1]}", repeated(HEALTHY, seeds))
-
-    def repeated(
-        kind: str, seeds: Iterable[int], parameters: Mapping[str, Any] | None = None
-    ) -> list[Condition]:
-        """Return the conditions of one kind with several trusses."""
-        one = Condition(kind, kind, dict(parameters or {}))
-        return [with_truss(one, seed) for seed in seeds]
 
     seeds = range(FIRST_SEED, FIRST_SEED + count)
-    hardware, case = flight_hardware(options["case"]), options["case"]
-    faults = fault_conditions(plant.dynamics, case, hardware.sample_time)
-    gains = [
-        one
-        for gain in GAINS
-        for one in repeated(
-            f"base gain {gain:g}", TRUSSES, gain_parameters(hardware, plant, gain)
-        )
-    ]
-    arms = repeated(f"arms {ARM_ERROR:.0%} heavier and longer", TRUSSES)
-    nominal = dict.fromkeys(("mass", "length"), 1.0 / (1.0 + ARM_ERROR))
-    at_rest = replace(
-        samples(seeds[:LONG_SAMPLES]),
-        section=AT_REST,
-        name=f"at rest, {name}",
-        duration=LONG_DURATION,
-    )
+    case = options["case"]
+    nominal = 1.0 / (1.0 + ARM_ERROR)
     return [
-        *(samples(seeds[i : i + BLOCK_SIZE]) for i in range(0, count, BLOCK_SIZE)),
-        campaign("faults", map(with_truss, faults, cycle(TRUSSES))),
-        campaign("gains", gains),
-        campaign("arms", arms, **nominal),
-        at_rest,
+        *(
+            campaign(f"seeds {block[0]} to {block[-1]}", same(HEALTHY), block)
+            for i in range(0, count, BLOCK_SIZE)
+            for block in [seeds[i : i + BLOCK_SIZE]]
+        ),
+        campaign("at rest", same(AT_REST), seeds[:LONG_SAMPLES], LONG_DURATION),
+        campaign(
+            "faults", fault_runs(flight_hardware(case), plant, case), cycle(TRUSSES)
+        ),
+        campaign("arms", same(OTHER_ARMS), TRUSSES, nominal_arms=nominal),
     ]
 
 
-def gain_parameters(
-    hardware: Hardware, plant: TunableTruss, gain: float
-) -> dict[str, Any]:
-    """Return the parameters of a run in which all bases have a gain, but the limits of the hardware.
+def same(kind: str) -> Iterable[tuple[str, str, dict[str, Any]]]:
+    """Return any number of runs of one kind without further parameters."""
+    return repeat((kind, kind, {}))
 
-    Parameters
-    ----------
-    hardware : Hardware
-        Hardware of the loop.
-    plant : TunableTruss
-        Plant.
-    gain : float
-        Actual by commanded forces and torques, positive [-].
-    """
-    robots, limits = plant.robots, hardware.limits(plant)
-    limits[: 6 * robots] /= gain
-    # Wheels have their limits behind the gain, thrusters before it.
-    thrust = np.full(6, limits[0])
-    return {
-        "faults.bases": np.full(robots, gain),
-        "controller.allocation.limits": limits,
-        "controller.economy.limits": limits,
-        **{f"actuators.thrusters_{i + 1}.limit.upper": thrust for i in range(robots)},
-    }
+
+def truss_name(seed: int) -> str:
+    """Return the name of the truss of a seed."""
+    return "nominal truss" if seed == NOMINAL_SEED else f"seed {seed}"
 
 
 def propellant_campaigns() -> list[Campaign]:
@@ -322,7 +280,7 @@ def consumption(run: xr.Dataset) -> dict[str, float]:
 def exact_metrics(run: xr.Dataset) -> dict[str, float]:
     """Return tracking errors, displacement of grasp 4, and its late deviation from the mean."""
     error, grasp = tracking(run), run["truss.grasp_displacement"].values[:, 3]
-    late = grasp[late_part(run["time"].values)]
+    late = grasp[late_part(run["time"].values, LATE_WINDOW)]
     return {
         **{
             name: error[name] for name in ("position", "late position", "late attitude")

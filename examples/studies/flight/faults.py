@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from study_tools.data_files import data_beside
 
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Parameter, Signals, State
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.port import Input, Output
-from trussflow.blocks.support.types import Array, Vector
-from trussflow.models.dynamics.dynamics import TrussDynamics
-from trussflow.models.feasibility import ActuatorFailure
+from trussflow.blocks.support.types import Array
+from trussflow.models.hardware.hardware import Hardware
 from trussflow.models.plant.space_truss import SpaceTruss
+
+FAULTS = data_beside(__file__, "faults.toml")
+"""Faults of the report by kind, and default values."""
 
 TIMES = (10.0, 30.0, 50.0)
 """Times of the faults: acceleration, coasting, braking [s]."""
@@ -22,14 +26,8 @@ TIMES = (10.0, 30.0, 50.0)
 FEASIBLE = {1: (1, 2, 3), 2: (1, 2)}
 """Numbers of the robots without which a case is feasible."""
 
-PARTIAL_EFFECTS = (0.3, 0.5, 0.9)
-VALVE_FORCES = (0.3, 2.0)  # N
-ENCODER_BIAS = 3e-3  # rad
-OUTAGE = 1.0  # s
-FRICTION = 0.05  # N·m
-NEVER = 1e9  # s
-STUCK_JOINT = 1
-"""Index of the joint in its arm whose encoder sticks [-]."""
+VALVE_AXES = (2, 0, 1)
+"""Axis of the force by an open valve, by the number of the time."""
 
 
 class Faults(Block):
@@ -73,7 +71,7 @@ class Faults(Block):
         nothing = np.zeros(self.rigid)
         super().__init__(
             begin=0.0,
-            end=NEVER,
+            end=0.0,
             bases=np.ones(self.robots),
             drives=np.ones(self.joints),
             forces=np.zeros(self.actuators),
@@ -148,116 +146,78 @@ def add_faults(diagram: Diagram, truss: SpaceTruss, sample_time: float) -> None:
     faults.valid >> controller.port("valid")
 
 
-def unit(size: int, index: int) -> Vector:
-    """Return a vector of zeros with a one at an index.
+def fault_runs(
+    hardware: Hardware, plant: SpaceTruss, case: int
+) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    """Yield kind, name and parameters of each run with one of the `FAULTS`.
 
     Parameters
     ----------
-    size, index : int
-        Number of elements, and index of the one [-].
-    """
-    found: Vector = np.eye(size)[index]
-    return found
-
-
-class Condition(NamedTuple):
-    """Condition of a run.
-
-    Attributes
-    ----------
-    kind, label : str
-        Kind of the condition, and name of the run.
-    parameters : dict
-        Parameters of the loop.
-    """
-
-    kind: str
-    label: str
-    parameters: dict[str, Any]
-
-
-def fault_conditions(
-    dynamics: TrussDynamics, case: int, sample_time: float
-) -> list[Condition]:
-    """Return the runs with faults in Case 1 or 2, all with the same names of parameters.
-
-    Parameters
-    ----------
-    dynamics : TrussDynamics
-        Truss and robots.
+    hardware : Hardware
+        Hardware of the loop.
+    plant : SpaceTruss
+        Plant.
     case : int
         Case 1 or 2 of the paper.
-    sample_time : float
-        Sample time of the controller [s].
     """
-    robots, joints = len(dynamics.arms), dynamics.joints
-    rigid, bases, found = 6 + joints, 6 * robots, list[Condition]()
+    for kind, fault in FAULTS["kinds"].items():
+        runs = product(fault.get("robots", FEASIBLE[1]), fault.get("times", TIMES))
+        for robot, time in runs:
+            if "base" in fault and robot not in FEASIBLE[case]:
+                continue
+            name = f"{kind} ({robot}, {time:g} s)"
+            yield kind, name, fault_parameters(hardware, plant, robot, time, fault)
 
-    def add(kind: str, label: str, begin: float = 0.0, **changes: Any) -> None:
-        friction = changes.pop("friction", 0.0)
-        values = {
-            "begin": begin,
-            "end": NEVER,
-            "bases": np.ones(robots),
-            "drives": np.ones(joints),
-            "forces": np.zeros(dynamics.actuators),
-            "bias": np.zeros(rigid),
-            "stuck": np.zeros(rigid),
-            "invalid": 0.0,
-            "late": 0.0,
-        }
-        parameters = {f"faults.{k}": v for k, v in (values | changes).items()}
-        parameters["actuators.drives.coulomb"] = np.full(joints, friction)
-        when = f" at {begin:g} s" if begin else ""
-        found.append(Condition(kind, label + when, parameters))
 
-    for effect in (0.0, *PARTIAL_EFFECTS):
-        state = f"at {effect:.0%}" if effect else "fails"
-        for robot, time in product(FEASIBLE[case], TIMES):
-            lost = unit(robots, robot - 1)
-            left = 1.0 - (1.0 - effect) * lost
-            add(f"base {state}", f"base {robot} {state}", time, bases=left)
-    for robot, time in product(FEASIBLE[case], TIMES):
-        health = ActuatorFailure.of(dynamics, robot, joints="limp").health
-        add(
-            "robot fails, braked",
-            f"robot {robot} fails",
-            time,
-            bases=health[:bases:6],
-            drives=health[bases:],
-        )
-    for force in VALVE_FORCES:
-        for robot, (axis, time) in product(
-            range(robots), zip((2, 0, 1), TIMES, strict=True)
-        ):
-            add(
-                f"valve open, {force:g} N",
-                f"valve of base {robot + 1} along −{'xyz'[axis]} open, {force:g} N",
-                time,
-                forces=-force * unit(dynamics.actuators, 6 * robot + axis),
-            )
-    random = np.random.default_rng(0)
-    for name, errors in (
-        ("all joints", np.ones(joints)),
-        ("random", random.standard_normal(joints)),
-        ("random, again", random.standard_normal(joints)),
-    ):
-        bias = np.append(np.zeros(6), ENCODER_BIAS * errors)
-        kind = f"encoder bias, {1e3 * ENCODER_BIAS:g} mrad"
-        add(kind, f"{kind}, {name}", bias=bias)
-    own = joints // robots
-    for robot, time in zip((1, 2, 3), TIMES, strict=True):
-        joint = own * (robot - 1) + STUCK_JOINT
-        label = f"encoder of joint {STUCK_JOINT + 1} of robot {robot} stuck"
-        add("encoder stuck", label, time, stuck=unit(rigid, 6 + joint))
-    pose = np.append(np.ones(6), np.zeros(joints))
-    for time in TIMES:
-        kind = f"no valid pose for {OUTAGE:g} s"
-        add(kind, kind, time, end=time + OUTAGE, stuck=pose, invalid=1.0)
-    for number in range(3):
-        kind = f"Coulomb friction, {FRICTION:g} N·m"
-        add(kind, f"{kind}, run {number + 1}", friction=FRICTION)
-    for number in range(3):
-        kind = f"commands late by further {2e3 * sample_time:g} ms"
-        add(kind, f"{kind}, run {number + 1}", late=1.0)
-    return found
+def fault_parameters(
+    hardware: Hardware,
+    plant: SpaceTruss,
+    robot: int,
+    time: float,
+    fault: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Return the parameters of a run with a fault, the same ones for all faults.
+
+    Parameters
+    ----------
+    hardware : Hardware
+        Hardware of the loop.
+    plant : SpaceTruss
+        Plant.
+    robot : int
+        Number of the robot with the fault, from 1.
+    time : float
+        Begin of the fault, one of `TIMES` for open valves [s].
+    fault : mapping
+        Values as in ``faults.toml``, where they differ from the default.
+    """
+    f = {**FAULTS["default"], **fault}
+    robots, joints = plant.robots, plant.joints
+    own, place = np.eye(robots)[robot - 1], np.arange(joints)
+    # Wheels have their limits behind the gain, thrusters before it.
+    limits = hardware.limits(plant)
+    limits[: 6 * robots] /= f["gain"]
+    forces = np.zeros((robots, 6))
+    if f["force"]:
+        forces[robot - 1, VALVE_AXES[TIMES.index(time)]] = -f["force"]
+    bias = f["bias"] * np.cos((robot - 1.0) * place)
+    second = place == joints // robots * (robot - 1) + 1
+    drives = np.repeat(1.0 - (1.0 - f["drives"]) * own, joints // robots)
+    return {
+        "faults.begin": time,
+        "faults.end": time + f["lasting"],
+        "faults.bases": f["gain"] * (1.0 - (1.0 - f["base"]) * own),
+        "faults.drives": drives,
+        "faults.forces": np.append(forces, np.zeros(joints)),
+        "faults.bias": np.append(np.zeros(6), bias),
+        "faults.stuck": np.append(np.full(6, f["pose"]), f["encoder"] * second),
+        "faults.invalid": f["pose"],
+        "faults.late": f["late"],
+        "actuators.drives.coulomb": np.full(joints, f["friction"]),
+        "controller.allocation.limits": limits,
+        "controller.economy.limits": limits,
+        **{
+            f"actuators.thrusters_{i + 1}.limit.upper": np.full(6, limits[0])
+            for i in range(robots)
+        },
+    }

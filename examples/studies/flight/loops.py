@@ -167,8 +167,7 @@ def flight_simulator(
     case: int = 1,
     *,
     arm: str = "literal",
-    mass: float = 1.0,
-    length: float = 1.0,
+    nominal_arms: float = 1.0,
     backend: str = "auto",
 ) -> Simulator:
     """Return the mean-axes loop of the accurate plant with the reference hardware and `Faults`.
@@ -179,7 +178,7 @@ def flight_simulator(
         Case 1 or 2 of the paper.
     arm : str
         Arm of the robots, as for `TunableTruss.accurate`.
-    mass, length : float
+    nominal_arms : float
         Masses and lengths of the arms in the nominal dynamics, relative to the plant [-].
     backend : str
         As for `Simulator`.
@@ -191,7 +190,7 @@ def flight_simulator(
         truss,
         hardware,
         case=case,
-        nominal=with_arms(truss.dynamics, mass=mass, length=length),
+        nominal=with_arms(truss.dynamics, nominal_arms),
         faults=True,
         log=FLIGHT_LOG,
         backend=backend,
@@ -203,24 +202,24 @@ def flight_hardware(case: int) -> Hardware:
     return Hardware.flight(torque=None if case == 1 else 1.0)
 
 
-def with_arms(dynamics: TrussDynamics, *, mass: float, length: float) -> TrussDynamics:
-    """Return dynamics with scaled arms; the bases are unchanged.
+def with_arms(dynamics: TrussDynamics, factor: float) -> TrussDynamics:
+    """Return dynamics with scaled masses and lengths of the arms; the bases are unchanged.
 
     Parameters
     ----------
     dynamics : TrussDynamics
         Truss and robots.
-    mass, length : float
-        Positive factors [-].
+    factor : float
+        Positive factor of masses and lengths [-].
     """
     arms = [
         replace(
             arm,
-            masses=mass * arm.masses,
-            static_moments=mass * length * arm.static_moments,
-            inertias=mass * length**2 * arm.inertias,
-            joint_origins=length * arm.joint_origins,
-            base_origin=length * arm.base_origin,
+            masses=factor * arm.masses,
+            static_moments=factor**2 * arm.static_moments,
+            inertias=factor**3 * arm.inertias,
+            joint_origins=factor * arm.joint_origins,
+            base_origin=factor * arm.base_origin,
         )
         for arm in dynamics.arms
     ]

@@ -26,8 +26,11 @@ GOALS: dict[str, float] = {
     name: metric["goal"] for name, metric in METRICS.items() if "goal" in metric
 }
 
-MAX_POSITION, MAX_JOINTS, MAX_FINAL_POSITION = 0.05, 0.2, 5e-3
-"""A run is lost if its position [m] or joint error [rad] exceeds these, or its final position error does [m]."""
+MAX_POSITION, MAX_JOINTS, MAX_LATE_POSITION = 0.05, 0.2, 5e-3
+"""A run is lost if its position [m] or joint error [rad] exceeds these, or its late position error does [m]."""
+
+LATE_WINDOW = 1.0
+"""Length of the late part of a run, at its end [s]."""
 
 SCALED_UNITS = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "kg": ("g", 1e3)}
 """Smaller units in the tables, with their factors."""
@@ -47,19 +50,19 @@ def tracking(run: xr.Dataset) -> dict[str, float]:
         "attitude": error[:, 3:6],
         "joints": error[:, 6:],
     }
-    found = tracking_metrics(run["time"].values, parts)
-    prefixes = {"": "peak ", "late ": "late ", "final ": "final "}
+    found = tracking_metrics(run["time"].values, parts, late=LATE_WINDOW)
     return {
-        name: found[f"{prefix}{part} ({METRICS[name]['kind']})"]
-        for shown, prefix in prefixes.items()
-        for part in parts
-        if (name := f"{shown}{part}") in METRICS
+        name: found[
+            f"{'' if name.startswith('late') else 'peak '}{name} ({METRICS[name]['kind']})"
+        ]
+        for name in (*parts, *(f"late {part}" for part in parts))
     }
 
 
 def run_metrics(run: xr.Dataset) -> dict[str, float]:
     """Return the metrics of a run of the mean-axes loop with the reference hardware."""
-    late, force = late_part(run["time"].values), run["truss.base_force"].values
+    late = late_part(run["time"].values, LATE_WINDOW)
+    force = run["truss.base_force"].values
     return {
         **tracking(run),
         **isolation(run),
@@ -100,7 +103,7 @@ def successful(found: xr.Dataset) -> xr.DataArray:
     near = (found["position"] <= MAX_POSITION) & (found["joints"] <= MAX_JOINTS)
     return (
         near
-        & (found["final position"] < MAX_FINAL_POSITION)
+        & (found["late position"] < MAX_LATE_POSITION)
         & (found["status"] == "complete")
     )
 

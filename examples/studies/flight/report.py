@@ -9,28 +9,19 @@ import xarray as xr
 from study_tools.evidence import fingerprint, write_report
 from study_tools.ledger import Ledger
 
-from flight import sections
-from flight.campaigns import (
-    AT_REST,
-    EXACT,
-    FIRST_SEED,
-    HEALTHY,
-    LOOPS,
-    PROPELLANT,
-    Campaign,
-    all_campaigns,
-    loop_fingerprint,
-)
+from flight import campaigns, metrics, samples, sections
+from flight.campaigns import Campaign, all_campaigns, loop_fingerprint
 from flight.limits import robustness_limits, simulated, trial_simulator
 from flight.loops import LAWS
 from flight.margins import loop_session, margins_along
-from flight.metrics import MAX_FINAL_POSITION, MAX_JOINTS, MAX_POSITION, METRICS
-from flight.samples import NOMINAL_SEED
 from flight.texts import HEAD
 from trussflow.blocks.support.files import replaced
 from trussflow.models.reporting.metrics import DEFINITIONS
 
-MARGIN_SEEDS = [NOMINAL_SEED, *range(FIRST_SEED, FIRST_SEED + 6)]
+MARGIN_SEEDS = [
+    samples.NOMINAL_SEED,
+    *range(campaigns.FIRST_SEED, campaigns.FIRST_SEED + 6),
+]
 """Seeds of the trusses whose margins are computed."""
 
 LIMITS, MARGINS = "Robustness limits", "Margins under thrust"
@@ -50,11 +41,11 @@ def make_report(count: int, output: Path, runs: Path, workers: int | None) -> Pa
     workers : int, optional
         Number of parallel runs, as for `sweep` [-].
     """
-    campaigns = all_campaigns(count)
+    simulations = all_campaigns(count)
     # Threads share the simulators, whose preparation takes as long as a run.
     found = {
         one.name: one.run(runs, workers=workers, executor="threads")
-        for one in campaigns
+        for one in simulations
     }
     bounds = robustness_limits(
         lambda trials, number: simulated(
@@ -62,7 +53,7 @@ def make_report(count: int, output: Path, runs: Path, workers: int | None) -> Pa
         )
     )
     margins = margins_along(MARGIN_SEEDS)
-    return write(campaigns, found, bounds, margins, output, fingerprints())
+    return write(simulations, found, bounds, margins, output, fingerprints())
 
 
 def fingerprints() -> dict[str, list[float]]:
@@ -77,7 +68,7 @@ def fingerprints() -> dict[str, list[float]]:
 
 
 def write(
-    campaigns: Sequence[Campaign],
+    simulations: Sequence[Campaign],
     found: Mapping[str, xr.Dataset],
     bounds: Bounds,
     margins: xr.Dataset,
@@ -88,7 +79,7 @@ def write(
 
     Parameters
     ----------
-    campaigns : sequence of Campaign
+    simulations : sequence of Campaign
         All campaigns.
     found : mapping
         Results by name of the campaign.
@@ -104,37 +95,35 @@ def write(
     folder.mkdir(parents=True, exist_ok=True)
     ledger = Ledger()
     grouped: dict[str, dict[str, xr.Dataset]] = {}
-    for one in campaigns:
+    for one in simulations:
         grouped.setdefault(one.section, {})[one.name] = found[one.name]
-    loops = {name: joined(grouped[name].values()) for name in LOOPS}
-    at_rest = dict(zip(LOOPS, grouped[AT_REST].values(), strict=True))
+    loops = {name: joined(grouped[name].values()) for name in campaigns.LOOPS}
     head = HEAD.format(
         definitions=DEFINITIONS,
-        position=1e2 * MAX_POSITION,
-        joints=MAX_JOINTS,
-        final=1e3 * MAX_FINAL_POSITION,
+        campaigns=campaigns,
+        metrics=metrics,
+        samples=samples,
         tables=sections.summary_tables(loops, ledger),
     )
     texts = {
-        "Healthy samples": sections.samples_section(loops, at_rest, ledger),
         "Feasibility": sections.missions_section(ledger),
         MARGINS: sections.margins_section(margins, ledger),
-        PROPELLANT: sections.propellant_section(grouped[PROPELLANT], ledger),
+        campaigns.PROPELLANT: sections.propellant_section(
+            grouped[campaigns.PROPELLANT], ledger
+        ),
         LIMITS: sections.limits_section(bounds, ledger),
-        EXACT: sections.loops_section(found["exact loops"], ledger),
+        campaigns.EXACT: sections.loops_section(found["exact loops"], ledger),
     }
     parts = [head, *(f"## {title}\n\n{text}\n" for title, text in texts.items())]
     with replaced(folder / "details.md") as partial:
         partial.write_text(sections.details_page(loops), encoding="utf-8")
-    counts = {
-        name: int(sum(runs["kind"].values == HEALTHY)) for name, runs in loops.items()
-    }
-    return write_report(folder, "\n".join(parts), ledger, recorded, samples=counts)
+    return write_report(folder, "\n".join(parts), ledger, recorded)
 
 
 def joined(found: Iterable[xr.Dataset]) -> xr.Dataset:
     """Return metrics and status of all runs of a loop, NaN in runs without results."""
     parts = [
-        one[[name for name in (*METRICS, "status") if name in one]] for one in found
+        one[[name for name in (*metrics.METRICS, "status") if name in one]]
+        for one in found
     ]
     return xr.concat(parts, "sample", data_vars="all", join="outer")

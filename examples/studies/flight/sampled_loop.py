@@ -1,14 +1,11 @@
 r"""A continuous plant under a sampled controller, linear, and what gains and delays make of the two.
 
-The controller measures every h seconds, and its command acts n samples and a part :math:`\varphi` of one
-later; everything in between is exact. With gains A of actuators,
+The controller measures every h seconds, and its command acts n samples later; everything in between is exact.
+With gains A of actuators,
 
 .. math::
     c_k &= M s_k + N C x_k, \qquad s_{k+1} = K s_k + L C x_k \\
-    x_{k+1} &= e^{F h} x_k + G_1 A\, c_{k-n} + G_2 A\, c_{k-n-1}
-
-where :math:`G_2` is what a command does that acts during the first :math:`\varphi h` alone, and
-:math:`G_1` what the next one does in the rest.
+    x_{k+1} &= e^{F h} x_k + G A\, c_{k-n}
 """
 
 from __future__ import annotations
@@ -118,31 +115,26 @@ class SampledLoop:
             ),
         )
 
-    def closed(self, *, actuators: npt.ArrayLike = 1.0, delay: float = 0.0) -> Vector:
+    def closed(self, *, actuators: npt.ArrayLike = 1.0, late: int = 0) -> Vector:
         """Return the map of plant, controller and commands under way over one sample time.
 
         Parameters
         ----------
         actuators : float or array
             Gains, of all or of each [-]; the controller does not know of them.
-        delay : float
-            Delay of the command, not negative; unknown to the controller [s].
+        late : int
+            Delay of the commands in samples, not negative; unknown to the controller [-].
         """
         p, k = self.plant, self.controller
-        late, part = divmod(round(delay / k.dt, 12), 1.0)
-        F1, early = held_flow(p.A, p.B, part * k.dt)
-        F2, rest = held_flow(p.A, p.B, (1.0 - part) * k.dt)
+        F, G = held_flow(p.A, p.B, k.dt)
         x, s, m = p.nstates, k.nstates, p.ninputs
-        waiting = int(late) + (part > 0.0)
-        gains = np.broadcast_to(actuators, m)
-        A = np.zeros((x + s + m * waiting,) * 2)
-        A[:x, :x], A[x : x + s, :x], A[x : x + s, x : x + s] = F2 @ F1, k.B @ p.C, k.A
-        commands = np.zeros((m * (waiting + 1), len(A)))  # newest first
+        A = np.zeros((x + s + m * late,) * 2)
+        A[:x, :x], A[x : x + s, :x], A[x : x + s, x : x + s] = F, k.B @ p.C, k.A
+        commands = np.zeros((m * (late + 1), len(A)))  # newest first
         commands[:m, :x], commands[:m, x : x + s] = k.D @ p.C, k.C
-        commands[m:, x + s :] = np.eye(m * waiting)
-        A[x + s :] = commands[: m * waiting]
-        for number, effect in ((int(late), rest), (waiting, F2 @ early)):
-            A[:x] += effect * gains @ commands[m * number : m * (number + 1)]
+        commands[m:, x + s :] = np.eye(m * late)
+        A[x + s :] = commands[: m * late]
+        A[:x] += G * np.broadcast_to(actuators, m) @ commands[m * late :]
         return A
 
     def loop_gain(self, where: str) -> control.StateSpace:

@@ -9,61 +9,25 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from study_tools.ledger import Ledger, pretty
+from study_tools.ledger import Ledger
 
-from flight.campaigns import (
-    DURATION,
-    FIRST_SEED,
-    HEALTHY,
-    INITIAL_MOMENTUM,
-    INITIAL_PROPELLANT,
-    LONG_DURATION,
-    LONG_SAMPLES,
-)
+from flight import campaigns
 from flight.limits import IMPERFECTIONS
 from flight.loops import LAWS, PAPER_LAWS, flight_hardware
 from flight.margins import VARIATIONS
-from flight.metrics import (
-    GOALS,
-    METRICS,
-    display_unit,
-    displayed,
-    heading,
-    successful,
-    table,
-)
-from flight.samples import (
-    MAX_DAMPING,
-    MAX_DEVIATION,
-    MAX_PAYLOAD,
-    MIN_DAMPING,
-    NOMINAL_SEED,
-)
-from flight.texts import DETAILS, LIMITS, LOOPS, MARGINS, MISSIONS, PROPELLANT, SAMPLES
+from flight.metrics import METRICS, successful, table
+from flight.samples import NOMINAL_SEED
+from flight.texts import DETAILS, LIMITS, LOOPS, MARGINS, MISSIONS, PROPELLANT
 from trussflow.models.feasibility import survey
 from trussflow.models.feasibility.failures import single_failures
 from trussflow.models.plant.space_truss import SpaceTruss
-from trussflow.models.reporting.metrics import LATE_WINDOW
 from trussflow.models.reporting.tables import markdown_table
 from trussflow.models.transport.mission import CASES, Mission
 from trussflow.models.transport.wiring import path_of
 
-SUMMARY_METRICS = ("position", "attitude", "joints", "final position")
+SUMMARY_METRICS = ("position", "attitude", "joints", "late position", "base torque")
 
-DETAIL_METRICS = (
-    *SUMMARY_METRICS,
-    "base torque",
-    "joint torque",
-    "false alarms",
-    "isolated after",
-)
-
-SAMPLE_METRICS = [
-    name
-    for name in METRICS
-    if name not in ("false alarms", "isolated after", "grasp 4")
-    and not name.startswith(("propellant of", "final momentum", "late vibration"))
-]
+DETAIL_METRICS = (*SUMMARY_METRICS, "joint torque", "false alarms", "isolated after")
 
 Results = Mapping[str, xr.Dataset]
 
@@ -95,59 +59,27 @@ def summary_tables(found: Results, ledger: Ledger) -> str:
                 "isolated": "" if np.isnan(after).all() else isolated.size,
                 "isolated after": float(isolated.max()) if isolated.size else "",
             }
-        tables.append(f"### {loop[0].upper()}{loop[1:]}\n\n{table(ledger, rows)}")
+        tables.append(f"### {loop}\n\n{table(ledger, rows)}")
     return "\n\n".join(tables)
 
 
 def details_page(found: Results) -> str:
     """Return the page of the single runs, except those of healthy samples."""
-    header = ["run", "lost", *map(heading, DETAIL_METRICS)]
     parts = [DETAILS]
     for loop, runs in found.items():
-        data = runs.isel(sample=runs["kind"].values != HEALTHY)
-        columns = [display_unit(name)[1] * data[name].values for name in DETAIL_METRICS]
+        data = runs.isel(sample=runs["kind"].values != campaigns.HEALTHY)
         lost = np.where(successful(data).values, "", "yes")
-        rows = []
-        for k, label in enumerate(data["sample"].values):
-            values = [float(column[k]) for column in columns]
-            cells = ["" if np.isnan(value) else pretty(value) for value in values]
-            rows.append([str(label), lost[k], *cells])
-        table = markdown_table(header, rows)
-        parts.append(f"## {loop[0].upper()}{loop[1:]}\n\n{table}\n")
+        rows = {
+            label: {
+                "run": label,
+                "lost": str(lost[k]),
+                **{name: data[name].values[k] for name in DETAIL_METRICS},
+            }
+            for k, label in enumerate(data["sample"].values.tolist())
+        }
+        cells = table(Ledger(), rows).replace("not a number", "")
+        parts.append(f"## {loop}\n\n{cells}\n")
     return "\n".join(parts)
-
-
-def samples_section(found: Results, at_rest: Results, ledger: Ledger) -> str:
-    """Return median and worst metrics of the healthy samples of each loop, late ones of the long runs."""
-    header, rows = ["largest value of a run", "goal: below"], []
-    for loop in found:
-        header += [f"{loop}: median", "worst", "not below"]
-    for name in SAMPLE_METRICS:
-        goal, factor = GOALS.get(name), display_unit(name)[1]
-        cells = [heading(name), f"{factor * goal:.3g}" if goal else ""]
-        for loop, runs in (at_rest if name.startswith("late") else found).items():
-            values = runs[name].values[runs["kind"].values == HEALTHY]
-            note = ledger.of(f"{loop}, {HEALTHY}")
-            cells += [
-                displayed(note, f"{name}, median", np.nanmedian(values)),
-                displayed(note, f"{name}, worst", np.nanmax(values)),
-                note(f"{name}, not below", int(np.sum(~(values < goal))))
-                if goal
-                else "",
-            ]
-        rows.append(cells)
-    return SAMPLES.format(
-        deviation=MAX_DEVIATION,
-        min_damping=MIN_DAMPING,
-        max_damping=MAX_DAMPING,
-        payload=MAX_PAYLOAD,
-        first=FIRST_SEED,
-        duration=DURATION,
-        count=LONG_SAMPLES,
-        late=LATE_WINDOW,
-        long=LONG_DURATION,
-        table=markdown_table(header, rows),
-    )
 
 
 def limits_section(
@@ -237,12 +169,7 @@ def propellant_section(found: Results, ledger: Ledger) -> str:
         name: {"nominal truss": name, **metrics_of(data.isel(sample=0))}
         for name, data in found.items()
     }
-    return PROPELLANT.format(
-        table=table(ledger, rows),
-        momentum=", ".join(f"{each:g}" for each in INITIAL_MOMENTUM),
-        propellant=INITIAL_PROPELLANT,
-        duration=LONG_DURATION,
-    )
+    return PROPELLANT.format(table=table(ledger, rows), campaigns=campaigns)
 
 
 def loops_section(found: xr.Dataset, ledger: Ledger) -> str:
@@ -251,4 +178,4 @@ def loops_section(found: xr.Dataset, ledger: Ledger) -> str:
         f"exact, {key}": {"Case 1": law.label, **metrics_of(found.sel(sample=key))}
         for key, law in PAPER_LAWS.items()
     }
-    return LOOPS.format(table=table(ledger, rows), duration=LONG_DURATION)
+    return LOOPS.format(table=table(ledger, rows), campaigns=campaigns)

@@ -15,7 +15,7 @@ from study_tools.ledger import Ledger
 from flight.campaigns import LONG_DURATION, Campaign, loop_fingerprint
 from flight.loops import flight_simulator
 from flight.margins import loop_session, loops_along, min_disk
-from flight.metrics import GOALS, median_and_worst, run_metrics, table
+from flight.metrics import GOALS, LATE_WINDOW, median_and_worst, run_metrics, table
 from flight.sampled_loop import spectral_radius
 from flight.samples import run_parameters
 from trussflow.blocks.support.types import Vector
@@ -23,7 +23,6 @@ from trussflow.blocks.sweeps.tuning import Tuned, tune
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.mean_axes.free_modes import FreeModes
 from trussflow.models.plant.tunable_truss import TunableTruss
-from trussflow.models.reporting.metrics import LATE_WINDOW
 from trussflow.models.transport.mission import Mission
 
 RANGES = {

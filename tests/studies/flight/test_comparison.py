@@ -39,8 +39,7 @@ def invented(count, diverged=0):
     """Return samples whose position error is proportional to the payload; some diverged."""
     random = np.random.default_rng(3)
     columns = {
-        name: random.uniform(0.0, 1e-3, count)
-        for name in (*SHOWN, "final position", *UNCERTAINTIES)
+        name: random.uniform(0.0, 1e-3, count) for name in (*SHOWN, *UNCERTAINTIES)
     }
     columns["position"] = 1e-3 * columns["payload"]
     columns["position"][:diverged] = np.nan
@@ -53,10 +52,10 @@ def invented(count, diverged=0):
     return found.assign(successful=successful(found))
 
 
-def test_diverged_samples_and_large_final_errors_fail():
+def test_diverged_samples_and_large_late_errors_fail():
     found = invented(10, diverged=3)
     assert found["successful"].values.tolist() == [False] * 3 + [True] * 7
-    found["final position"][5] = 6e-3
+    found["late position"][5] = 6e-3
     assert int(successful(found).sum()) == 6
 
 

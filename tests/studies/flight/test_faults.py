@@ -5,8 +5,8 @@ from collections import Counter
 import numpy as np
 import pytest
 import xarray as xr
-from flight.campaigns import TRUSSES, gain_parameters
-from flight.faults import FEASIBLE, Faults, fault_conditions
+from flight.campaigns import TRUSSES
+from flight.faults import FEASIBLE, Faults, fault_parameters, fault_runs
 from flight.loops import flight_simulator
 from flight.metrics import isolation, run_metrics
 from numpy.testing import assert_array_equal
@@ -16,30 +16,37 @@ from trussflow.models import Hardware
 from trussflow.models.plant.tunable_truss import TunableTruss
 
 PLANT = TunableTruss.consistent()
-CONDITIONS = {one.label: one for one in fault_conditions(PLANT.dynamics, 1, 0.02)}
+HARDWARE = Hardware.flight()
+
+
+def parameters(robot, time=10.0, **fault):
+    """Return the parameters of the block faults for a fault of a robot."""
+    found = fault_parameters(HARDWARE, PLANT, robot, time, fault)
+    return {name.removeprefix("faults."): value for name, value in found.items()}
 
 
 @pytest.mark.parametrize("case", [1, 2])
 def test_each_kind_has_runs_on_all_trusses_and_the_same_parameters(case):
-    found = fault_conditions(PLANT.dynamics, case, 0.02)
-    names = {tuple(one.parameters) for one in found}
-    assert len(names) == 1
-    counts = Counter(one.kind for one in found)
+    kinds, names, rows = zip(*fault_runs(HARDWARE, PLANT, case), strict=True)
+    assert len({tuple(row) for row in rows}) == 1
+    counts = Counter(kinds)
     assert all(count % len(TRUSSES) == 0 for count in counts.values())
     assert counts["base fails"] == 3 * len(FEASIBLE[case])
-    assert len({one.label for one in found}) == len(found)
+    assert len(set(names)) == len(names)
 
 
-def test_failed_parts_have_no_effect():
-    base = CONDITIONS["base 2 fails at 30 s"].parameters
-    robot = CONDITIONS["robot 2 fails at 30 s"].parameters
-    for one, drives in ((base, 28), (robot, 21)):
-        assert one["faults.begin"] == 30.0
-        assert_array_equal(one["faults.bases"], [1.0, 0.0, 1.0, 1.0])
-        assert one["faults.drives"].sum() == drives
-    assert not robot["faults.drives"][7:14].any()
-    half = CONDITIONS["base 2 at 50% at 30 s"].parameters
-    assert_array_equal(half["faults.bases"], [1.0, 0.5, 1.0, 1.0])
+def test_a_fault_concerns_its_robot_only():
+    base, robot = parameters(2, base=0.0), parameters(2, base=0.0, drives=0.0)
+    assert_array_equal(base["bases"], [1.0, 0.0, 1.0, 1.0])
+    assert base["drives"].all()
+    assert_array_equal(np.flatnonzero(robot["drives"] == 0.0), np.arange(7, 14))
+    assert_array_equal(parameters(3, base=0.5)["bases"], [1.0, 1.0, 0.5, 1.0])
+    for time, axis in ((10.0, 2), (30.0, 0), (50.0, 1)):
+        forces = parameters(3, time, force=2.0)["forces"]
+        assert forces[12 + axis] == -2.0 == forces.sum()
+    assert_array_equal(parameters(1, bias=2.0)["bias"], np.repeat([0.0, 2.0], [6, 28]))
+    assert_array_equal(np.flatnonzero(parameters(2, encoder=1.0)["stuck"]), [14])
+    assert_array_equal(np.flatnonzero(parameters(1, pose=1.0)["stuck"]), np.arange(6))
 
 
 def test_a_fault_acts_between_its_times_only():
@@ -131,15 +138,13 @@ def test_without_a_fault_no_base_is_faulty(simulate):
 @pytest.mark.parametrize("gain", [0.5, 2.0])
 def test_a_gain_leaves_the_limits_of_the_bases(simulator, gain):
     """Commands at the limit of the controller give the largest force of the hardware."""
-    found = gain_parameters(Hardware.flight(), PLANT, gain)
-    limits = Hardware.flight().limits(PLANT)
+    found = fault_parameters(HARDWARE, PLANT, 1, 0.0, {"gain": gain})
+    limits = HARDWARE.limits(PLANT)
     reached = found["controller.allocation.limits"].copy()
     reached[:24] *= gain
     assert_array_equal(reached, limits)
     thrust = gain * found["actuators.thrusters_2.limit.upper"]
     assert_array_equal(thrust, np.full(6, limits[0]))
-    for label in ("base 1 fails at 10 s", "encoder bias, 3 mrad, random"):
-        found |= CONDITIONS[label].parameters
     plan = simulator.prepared.plan
     assert set(found) <= set(plan.p.named(plan.parameters({})))
 

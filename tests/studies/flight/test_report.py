@@ -41,12 +41,12 @@ def invented(campaign):
 def test_all_results_are_in_the_report(tmp_path):
     campaigns = all_campaigns(3)
     found = {one.name: invented(one) for one in campaigns}
-    faults = found["literal arm, Case 1, faults"]
+    faults = found["Literal arm, Case 1, faults"]
     faults["position"][4] = np.nan
     faults["status"][4] = "diverged"
     faults["isolated after"][:3] = [0.25, 0.5, np.inf]
-    samples = found["literal arm, Case 1, seeds 8000 to 8002"]
-    samples["final position"][1] = 1e-3
+    samples = found["Literal arm, Case 1, seeds 8000 to 8002"]
+    samples["late position"][1] = 1e-3
     samples["false alarms"][2] = 2.0
     bounds = {(name, law): (0.5, 1.0) for name in IMPERFECTIONS for law in LAWS}
     bounds["payload", "mean axes"] = np.nan, 123.0
@@ -68,7 +68,6 @@ def test_all_results_are_in_the_report(tmp_path):
     assert (
         "| base fails | 9 | 1 | ∞ | 0.00100 | 0.00100 | 0.00100 | 0 | 8 | 0.50" in text
     )
-    assert "| final position (norm) [mm] |  | 0.00100 | 1.00 |" in text
     assert (
         "| case 1, with management | 1.00 | 1.00 | 1.00 | 1.00 | 1.00 | 1.00 | 0.00100 |"
         in text
@@ -76,8 +75,8 @@ def test_all_results_are_in_the_report(tmp_path):
     assert "| base 4 | 0." in text  # along body z: not in time
     page = (tmp_path / "details.md").read_text(encoding="utf-8")
     assert heads(page) == heads(TEXTS[DOCS / "flight/details.md"])
-    assert "| base 2 fails at 30 s, seed 8000 | yes | |" in page
+    assert "| base fails (2, 30 s), seed 8000 | yes |  |" in page
     evidence = json.loads((tmp_path / "evidence.json").read_text(encoding="utf-8"))
     assert evidence["fingerprints"] == {"case 1": [1.0]}
-    number = evidence["numbers"]["literal arm, Case 1, healthy samples: final position"]
+    number = evidence["numbers"]["Literal arm, Case 1, healthy samples: late position"]
     assert number["value"] == pytest.approx(1.0, rel=1e-9)
