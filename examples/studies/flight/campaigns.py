@@ -29,12 +29,15 @@ FIRST_SEED = 8000
 TRUSSES = (NOMINAL_SEED, FIRST_SEED, FIRST_SEED + 1)
 """Seeds of the trusses that the runs of one kind of condition have in turn."""
 
-LOOPS: dict[str, tuple[dict[str, Any], float]] = {
-    "Literal arm, Case 1": ({"case": 1, "arm": "literal"}, 1.0),
-    "Literal arm, Case 2": ({"case": 2, "arm": "literal"}, 1.0),
-    "Jaco arm, Case 1": ({"case": 1, "arm": "jaco"}, 0.25),
+LOOPS: dict[str, dict[str, Any]] = {
+    "Literal arm, Case 1": {"case": 1, "arm": "literal"},
+    "Literal arm, Case 2": {"case": 2, "arm": "literal"},
+    "Jaco arm, Case 1": {"case": 1, "arm": "jaco"},
 }
-"""Loops by name: arguments of `flight_simulator`, and share of the Monte Carlo samples [-]."""
+"""Arguments of `flight_simulator` by name of the loop."""
+
+MAX_JACO_SAMPLES = 32
+"""Largest number of Monte Carlo samples with the second arm [-]."""
 
 BLOCK_SIZE = 64
 """Largest number of Monte Carlo samples in one campaign [-]."""
@@ -162,13 +165,9 @@ def loop_fingerprint(
 
 
 def all_campaigns(count: int) -> list[Campaign]:
-    """Return all campaigns of the report, with `count` Monte Carlo samples of the first loops."""
+    """Return all campaigns of the report, with `count` Monte Carlo samples of each case."""
     return [
-        *(
-            campaign
-            for name, (options, share) in LOOPS.items()
-            for campaign in loop_campaigns(name, options, max(1, round(share * count)))
-        ),
+        *(campaign for name in LOOPS for campaign in loop_campaigns(name, count)),
         *propellant_campaigns(),
         Campaign(
             section=EXACT,
@@ -183,8 +182,11 @@ def all_campaigns(count: int) -> list[Campaign]:
     ]
 
 
-def loop_campaigns(name: str, options: Mapping[str, Any], count: int) -> list[Campaign]:
-    """Return the campaigns of one of the `LOOPS`, with its options and `count` Monte Carlo samples."""
+def loop_campaigns(name: str, count: int) -> list[Campaign]:
+    """Return the campaigns of one of the `LOOPS`, with at most `count` Monte Carlo samples."""
+    options = LOOPS[name]
+    if options["arm"] == "jaco":
+        count = min(count, MAX_JACO_SAMPLES)
     plant = TunableTruss.accurate(arm=options["arm"])
 
     def campaign(
