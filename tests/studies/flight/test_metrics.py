@@ -13,6 +13,7 @@ def run():
     late = time >= 100.0 - LATE_WINDOW
     error = np.zeros((501, 34))
     error[100, :3] = [3e-3, 4e-3, 0.0]
+    error[460, :3] = [0.0, 0.0, 3e-4]
     error[496, :3] = [0.0, 6e-5, -8e-5]
     error[100, 4] = -2e-3
     error[100, 20] = 0.03
