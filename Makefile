@@ -56,8 +56,8 @@ flight: $(VENV)/runtime.stamp
 sweep: $(VENV)/runtime.stamp
 	$(STUDY) flight --samples 1000 --output docs/sweep
 
-# The reports of `make flight` and `make sweep` are of revision 81363a8e (docs/limitations.md), so only that of the
-# paper is checked.
+# Parts of the reports of `make flight` and `make sweep` are of revision 81363a8e (docs/limitations.md), so only that
+# of the paper is checked.
 reports-check: $(VENV)/runtime.stamp
 	$(STUDY) reproduction --check --output docs/reproduction
 

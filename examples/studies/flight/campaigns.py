@@ -42,6 +42,9 @@ MAX_JACO_SAMPLES, JACO_FAULT_STEP = 32, 2
 BLOCK_SIZE = 16
 """Largest number of Monte Carlo samples in one campaign [-]."""
 
+SHARED_LOOPS = 8
+"""Estimated number of campaigns with the same loop, whose code for several runs at once is compiled [-]."""
+
 DURATION, LONG_DURATION = 62.0, 100.0
 """Simulated time: 60 s of motion, then 2 s or 40 s at rest [s]."""
 
@@ -127,6 +130,7 @@ class Campaign:
             keep=self.keep,
             path=folder and folder / self.name.replace(" ", "-"),
             not_finite="ignore",
+            repeats=SHARED_LOOPS,
             **options,
         )
         found = found.drop_vars(names, errors="ignore")

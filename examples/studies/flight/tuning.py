@@ -13,7 +13,7 @@ from study_tools.evidence import fingerprint
 from study_tools.ledger import Ledger
 
 from flight.campaigns import LONG_DURATION, Campaign, loop_fingerprint
-from flight.loops import flight_simulator
+from flight.loops import flight_hardware, flight_simulator
 from flight.margins import loop_session, loops_along, min_disk
 from flight.metrics import GOALS, LATE_WINDOW, median_and_worst, run_metrics, table
 from flight.sampled_loop import spectral_radius
@@ -104,7 +104,7 @@ def tuned_designs(
         are the values in the `RANGES` and the disk margin.
     """
     simulator, session = flight_simulator(), loop_session()
-    plant = TunableTruss.accurate()
+    plant = flight_hardware(1).mounted(TunableTruss.accurate())
     free = FreeModes.of(plant.dynamics, MeanAxesDesign.shipped().estimated_modes)
 
     def becoming(**values: Any) -> dict[str, Vector]:
