@@ -216,7 +216,7 @@ def loop_campaigns(name: str, count: int) -> list[Campaign]:
     case = options["case"]
     faults = list(fault_runs(flight_hardware(case), plant, case))
     nominal = 1.0 / (1.0 + ARM_ERROR)
-    return [
+    found = [
         *(
             campaign(f"seeds {block[0]} to {block[-1]}", same(HEALTHY), block)
             for i in range(0, count, BLOCK_SIZE)
@@ -224,8 +224,11 @@ def loop_campaigns(name: str, count: int) -> list[Campaign]:
         ),
         campaign("at rest", same(AT_REST), seeds[:LONG_SAMPLES], LONG_DURATION),
         campaign("faults", faults[::fault_step], cycle(TRUSSES)),
-        campaign("arms", same(OTHER_ARMS), TRUSSES, nominal_arms=nominal),
     ]
+    if name == next(iter(LOOPS)):
+        arms = campaign("arms", same(OTHER_ARMS), TRUSSES, nominal_arms=nominal)
+        found.append(arms)
+    return found
 
 
 def same(kind: str) -> Iterable[tuple[str, str, dict[str, Any]]]:

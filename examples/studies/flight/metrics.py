@@ -27,7 +27,7 @@ GOALS: dict[str, float] = {
 }
 
 MAX_POSITION, MAX_JOINTS, MAX_LATE_POSITION = 0.05, 0.2, 5e-3
-"""A run is lost if its position [m] or joint error [rad] exceeds these, or its late position error does [m]."""
+"""Limits of the position [m] and joint errors [rad] of runs that are not lost, and of the late error of success [m]."""
 
 LATE_WINDOW = 1.0
 """Length of the late part of a run, at its end [s]."""
@@ -98,14 +98,15 @@ def isolation(run: xr.Dataset) -> dict[str, float]:
     }
 
 
-def successful(found: xr.Dataset) -> xr.DataArray:
-    """Return which samples of a sweep are complete and within the limits of the errors."""
+def lost(found: xr.Dataset) -> xr.DataArray:
+    """Return which samples of a sweep diverged, or exceed the limits of position and joint errors."""
     near = (found["position"] <= MAX_POSITION) & (found["joints"] <= MAX_JOINTS)
-    return (
-        near
-        & (found["late position"] < MAX_LATE_POSITION)
-        & (found["status"] == "complete")
-    )
+    return ~near | (found["status"] != "complete")
+
+
+def successful(found: xr.Dataset) -> xr.DataArray:
+    """Return which samples of a sweep are not `lost`, and have a small late position error."""
+    return ~lost(found) & (found["late position"] < MAX_LATE_POSITION)
 
 
 def heading(name: str) -> str:

@@ -15,7 +15,7 @@ from flight import campaigns
 from flight.limits import IMPERFECTIONS
 from flight.loops import LAWS, PAPER_LAWS, flight_hardware
 from flight.margins import VARIATIONS
-from flight.metrics import METRICS, successful, table
+from flight.metrics import METRICS, lost, table
 from flight.samples import NOMINAL_SEED
 from flight.texts import DETAILS, LIMITS, LOOPS, MARGINS, MISSIONS, PROPELLANT
 from trussflow.models.feasibility import survey
@@ -50,7 +50,7 @@ def summary_tables(found: Results, ledger: Ledger) -> str:
             rows[f"{loop}, {kind}"] = {
                 "condition": kind,
                 "runs": count,
-                "lost": count - int(successful(data).sum()),
+                "lost": int(lost(data).sum()),
                 **{
                     name: float(data[name].fillna(np.inf).max())
                     for name in SUMMARY_METRICS
@@ -68,11 +68,11 @@ def details_page(found: Results) -> str:
     parts = [DETAILS]
     for loop, runs in found.items():
         data = runs.isel(sample=runs["kind"].values != campaigns.HEALTHY)
-        lost = np.where(successful(data).values, "", "yes")
+        failed = np.where(lost(data).values, "yes", "")
         rows = {
             label: {
                 "run": label,
-                "lost": str(lost[k]),
+                "lost": str(failed[k]),
                 **{name: data[name].values[k] for name in DETAIL_METRICS},
             }
             for k, label in enumerate(data["sample"].values.tolist())

@@ -63,10 +63,10 @@ def test_all_results_are_in_the_report(tmp_path):
     assert "| coast, nominal truss | −0.10 |" in text
     assert "| mean axes, consistent plant | 0.100 |" in text
     assert (
-        "| healthy samples | 3 | 0 | 0.00100 | 0.00100 | 0.00100 | 1.00 | 2 |" in text
+        "| healthy samples | 3 | 0 | 0.00100 | 0.00100 | 0.00100 | 1.00 | 1.00×10⁻⁶ | 2 |" in text
     )
     assert (
-        "| base fails | 9 | 1 | ∞ | 0.00100 | 0.00100 | 0.00100 | 0 | 8 | 0.50" in text
+        "| base fails | 9 | 1 | ∞ | 0.00100 | 0.00100 | 0.00100 | 1.00×10⁻⁶ | 0 | 8 | 0.50" in text
     )
     assert (
         "| case 1, with management | 1.00 | 1.00 | 1.00 | 1.00 | 1.00 | 1.00 | 0.00100 |"
