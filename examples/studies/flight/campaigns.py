@@ -19,6 +19,7 @@ from flight.metrics import LATE_WINDOW, run_metrics, tracking
 from flight.samples import NOMINAL_SEED, run_parameters
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.blocks.sweeps.sweep import sweep
+from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.reporting.metrics import largest_norm, late_part
 from trussflow.models.transport.mission import CASES
@@ -53,6 +54,7 @@ LONG_SAMPLES = 4
 
 
 PROPELLANT, EXACT = "Propellant and wheel management", "Exact loops"
+DAMPING = "Damping by thrusters or arms"
 """Titles of sections of the report."""
 
 ARM_ERROR = 0.05
@@ -62,6 +64,15 @@ HEALTHY = "healthy samples"
 AT_REST = f"healthy samples, {LONG_DURATION:g} s"
 OTHER_ARMS = f"arms {ARM_ERROR:.0%} heavier and longer"
 """Kinds of the runs without a fault."""
+
+UNUSED = 1e3
+"""Additional weight of actuators that the feedback avoids [-]."""
+
+FEEDBACK_WEIGHTS = {
+    "thrusters damp": (1.0, UNUSED, UNUSED),
+    "arms damp": (UNUSED, UNUSED, 1.0),
+}
+"""Additional weights of thrusts, base torques and joint torques in the feedback [-]."""
 
 INITIAL_MOMENTUM = (3.0, 2.0, 1.0)
 """Initial momentum of the wheels of each base, by axis [N·m·s]."""
@@ -173,6 +184,7 @@ def all_campaigns(count: int) -> list[Campaign]:
     return [
         *(campaign for name in LOOPS for campaign in loop_campaigns(name, count)),
         *propellant_campaigns(),
+        damping_campaign(),
         Campaign(
             section=EXACT,
             name="exact loops",
@@ -267,6 +279,37 @@ def propellant_campaigns() -> list[Campaign]:
             {"without": dict.fromkeys(limits, DISABLED_LIMIT), "with": {}}.items(),
         )
     ]
+
+
+def damping_campaign() -> Campaign:
+    """Return the runs in which the feedback uses all actuators, mainly thrusters, or mainly arms."""
+    plant, name = TunableTruss.accurate(), "controller.allocation.reluctance"
+    shipped = MeanAxesDesign.shipped()
+    feedbacks = {
+        "shipped": (shipped.thrust_reluctance, 1.0, shipped.joint_reluctance),
+        **FEEDBACK_WEIGHTS,
+    }
+    rows = []
+    for (thrust, torque, joint), seed in product(feedbacks.values(), TRUSSES):
+        bases = np.tile(np.repeat([thrust, torque], 3), plant.robots)
+        weights = np.append(bases, np.full(plant.joints, joint))
+        rows.append({name: weights} | run_parameters(plant, seed))
+    labels = list(product(feedbacks, map(truss_name, TRUSSES)))
+    return Campaign(
+        section=DAMPING,
+        name="damping",
+        options={"case": 1, "arm": "literal"},
+        rows=rows,
+        labels=[", ".join(label) for label in labels],
+        kinds=[kind for kind, _ in labels],
+        keep=damping_metrics,
+        duration=LONG_DURATION,
+    )
+
+
+def damping_metrics(run: xr.Dataset) -> dict[str, float]:
+    """Return the propellant, and the metrics of `exact_metrics`."""
+    return {**exact_metrics(run), "propellant": run_metrics(run)["propellant"]}
 
 
 def consumption(run: xr.Dataset) -> dict[str, float]:

@@ -111,6 +111,7 @@ def write(
         campaigns.PROPELLANT: sections.propellant_section(
             grouped[campaigns.PROPELLANT], ledger
         ),
+        campaigns.DAMPING: sections.damping_section(found["damping"], ledger),
         LIMITS: sections.limits_section(bounds, ledger),
         campaigns.EXACT: sections.loops_section(found["exact loops"], ledger),
     }

@@ -17,7 +17,7 @@ from flight.loops import LAWS, PAPER_LAWS, flight_hardware
 from flight.margins import VARIATIONS
 from flight.metrics import METRICS, lost, table
 from flight.samples import NOMINAL_SEED
-from flight.texts import DETAILS, LIMITS, LOOPS, MARGINS, MISSIONS, PROPELLANT
+from flight.texts import DAMPING, DETAILS, LIMITS, LOOPS, MARGINS, MISSIONS, PROPELLANT
 from trussflow.models.feasibility import survey
 from trussflow.models.feasibility.failures import single_failures
 from trussflow.models.plant.space_truss import SpaceTruss
@@ -170,6 +170,22 @@ def propellant_section(found: Results, ledger: Ledger) -> str:
         for name, data in found.items()
     }
     return PROPELLANT.format(table=table(ledger, rows), campaigns=campaigns)
+
+
+def damping_section(found: xr.Dataset, ledger: Ledger) -> str:
+    """Return the worst metrics of all trusses for each kind of damping."""
+    kinds = found["kind"].values
+    worst = {
+        kind: found.isel(sample=kinds == kind).max("sample")
+        for kind in dict.fromkeys(kinds.tolist())
+    }
+    rows = {
+        f"damping, {kind}": {"feedback": kind, **metrics_of(data)}
+        for kind, data in worst.items()
+    }
+    return DAMPING.format(
+        table=table(ledger, rows), count=len(campaigns.TRUSSES), campaigns=campaigns
+    )
 
 
 def loops_section(found: xr.Dataset, ledger: Ledger) -> str:

@@ -69,6 +69,18 @@ propellant used in the run, and the largest final momentum of any base.
 
 {table}"""
 
+DAMPING = """\
+Ishijima, Tzeranis and Dubowsky (*The on-orbit maneuvering of large space flexible structures by free-flying
+robots*, i-SAIRAS 2005) and Ono (*Experimental validation of the efficient robotic transportation algorithm for
+large-scale flexible space structures*, MSc thesis, MIT 2007) compare two ways to damp a structure that thrusters
+move: by the thrusters, or by the arms, which needs less propellant. The runs compare both with the shipped
+feedback, which prefers base torques. Case 1, literal arm, {campaigns.LONG_DURATION:g} s, the worst of
+{count} trusses. With *thrusters damp*, base and joint torques have {campaigns.UNUSED:g} times the weight of thrusts in
+the feedback; with *arms damp*, thrusts and base torques have {campaigns.UNUSED:g} times that of joint torques.
+Thrusters still correct the position of the whole system. The feedforward is the same.
+
+{table}"""
+
 LIMITS = """\
 One imperfection at a time, while all else is exact and joints are gearless. The table has the largest value with
 which Case 1 succeeds (bold), and the smallest value tried by bisection with which it fails: the run is lost, or

@@ -72,6 +72,7 @@ def test_all_results_are_in_the_report(tmp_path):
         "| case 1, with management | 1.00 | 1.00 | 1.00 | 1.00 | 1.00 | 1.00 | 0.00100 |"
         in text
     )
+    assert "| thrusters damp | 0.00100 |" in text
     assert "| base 4 | 0." in text  # along body z: not in time
     page = (tmp_path / "details.md").read_text(encoding="utf-8")
     assert heads(page) == heads(TEXTS[DOCS / "flight/details.md"])
