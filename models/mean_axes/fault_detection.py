@@ -32,6 +32,9 @@ MEMORY, RECENT_MEMORY, FRAME_MEMORY = 0.95, 0.8, 0.98
 FAILED, SUDDENLY_FAILED, WORKING, HELD = 0.65, 0.5, 0.4, 0.5
 """Lost shares above which a base has failed, also by recent evidence, below which it works, and of held arms [-]."""
 
+COMMON_LOSS = 0.3
+"""Lost share of a base that counts for a cause that most bases have in common, such as wrong gains [-]."""
+
 MAX_LOST_SHARE = 1.35
 """Lost share of a base above which the cause is none of the hypotheses [-]."""
 
@@ -68,6 +71,8 @@ class FaultDetection(MeanAxesBlock):
       the innovations of the truss frame alone.
     * If the residual is larger than noise, or more than the whole effect is lost, the cause is none of these,
       and no base is isolated.
+    * If most of the bases in use lose effect, the cause is common, and no base is isolated: without them the
+      others could not move the truss.
     * A failed base still receives the excitation. If both estimates show its response, it is used again.
     * While the vibration after a verdict decays, no other verdict follows.
 
@@ -262,7 +267,10 @@ class FaultDetection(MeanAxesBlock):
         possible = np.logical_or(held, shares < MAX_LOST_SHARE)
         likely = np.logical_and(shares > np.stack(limits), possible)
         explained = np.logical_and(residual < UNEXPLAINED_VARIANCE, settled)
-        weights = np.where(explained, self.testable * (1.0 - x.failed), 0.0)
+        used = self.testable * (1.0 - x.failed)
+        losing = np.where(shares[0] > COMMON_LOSS, used, 0.0)
+        common = 2.0 * np.sum(losing) > np.sum(used)
+        weights = np.where(np.logical_and(explained, np.logical_not(common)), used, 0.0)
         rank = np.max(np.where(likely, weights * deviations, 0.0), axis=0)
         suspected = np.where(np.logical_and(rank > 0.0, rank >= np.max(rank)), 1.0, 0.0)
         largest = np.max(np.where(held, 1.0, shares + 2.0 * spreads), axis=0)

@@ -153,6 +153,14 @@ def test_each_loss_is_isolated(session, part, robot):
     assert not flags[1 - part // 4].any()
 
 
+@pytest.mark.parametrize("bases, isolated", [(2, True), (3, False), (4, False)])
+def test_a_loss_of_most_bases_has_a_common_cause(session, bases, isolated):
+    share = np.append(np.where(np.arange(4) < bases, 0.7, 0.0), np.zeros(4))
+    failed, _, lost = watched(session, pushes(1.0, 50), share)
+    assert_allclose(lost[-1], share, atol=0.2)
+    assert failed.any() == isolated
+
+
 @pytest.mark.parametrize("size", [1.0, 0.01])
 def test_no_alarm_of_healthy_actuators(session, size):
     failed, held, _ = watched(session, pushes(size, 100))
