@@ -27,13 +27,7 @@ from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.transport.mean_axes_wiring import mean_axes_transport
 from trussflow.models.transport.mission import Mission
 
-INSTANTS = {
-    "at rest": 0.0,
-    "peak acceleration": 0.2113,
-    "coast": 0.5,
-    "peak braking": 0.7887,
-    "end": 1.05,
-}
+INSTANTS = {"at rest": 0.0, "peak acceleration": 0.2113, "peak braking": 0.7887}
 """Instants, relative to the duration of the path [-]; a quintic accelerates most at 1/2 ± 1/sqrt(12)."""
 
 VARIATIONS = {"nominal": 1.0, "base gain 0.5": 0.5, "base gain 2": 2.0}
@@ -72,6 +66,9 @@ def loop_session(
     hardware = Hardware.flight()
     truss = hardware.mounted(truss or TunableTruss.accurate())
     diagram = mean_axes_transport(mission or Mission.of_case(1), truss)
+    limits = hardware.limits(truss)
+    for name in ("allocation", "economy"):
+        diagram.blocks["controller"].blocks[name].parameters["limits"] = limits
     gains = hardware.servo
     assert gains is not None
 

@@ -65,7 +65,7 @@ def summary_tables(found: Results, ledger: Ledger) -> str:
 
 def details_page(found: Results) -> str:
     """Return the page of the single runs, except those of healthy samples."""
-    parts = [DETAILS]
+    parts = [DETAILS.format(campaigns=campaigns)]
     for loop, runs in found.items():
         data = runs.isel(sample=runs["kind"].values != campaigns.HEALTHY)
         failed = np.where(lost(data).values, "yes", "")
@@ -152,8 +152,8 @@ def margins_section(found: xr.Dataset, ledger: Ledger) -> str:
                     note(f"growth, {v}", float(growth.sel(variation=v)), "1/s")
                     for v in VARIATIONS
                 ),
-                note("disk", float(at["disk"].min())),
-                note("delay", 1e3 * float(at["delay"].min()), "ms"),
+                note("disk", float(at["disk"].min(skipna=False))),
+                note("delay", 1e3 * float(at["delay"].min(skipna=False)), "ms"),
             ]
         )
     header = ["Case 1", *VARIATIONS, "disk", "delay [ms]"]
@@ -176,7 +176,7 @@ def damping_section(found: xr.Dataset, ledger: Ledger) -> str:
     """Return the worst metrics of all trusses for each kind of damping."""
     kinds = found["kind"].values
     worst = {
-        kind: found.isel(sample=kinds == kind).max("sample")
+        kind: found.isel(sample=kinds == kind).max("sample", skipna=False)
         for kind in dict.fromkeys(kinds.tolist())
     }
     rows = {

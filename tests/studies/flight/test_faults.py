@@ -1,15 +1,16 @@
 """Faults: parameters of the runs, effects on a loop, and isolation of bases."""
 
+import re
 from collections import Counter
 
 import numpy as np
 import pytest
 import xarray as xr
-from flight.campaigns import TRUSSES
-from flight.faults import FEASIBLE, Faults, fault_parameters, fault_runs
+from flight.campaigns import TRUSSES, loop_campaigns
+from flight.faults import FEASIBLE, TIMES, Faults, fault_parameters, fault_runs
 from flight.loops import flight_simulator
 from flight.metrics import isolation, run_metrics
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.models import Hardware
@@ -33,6 +34,16 @@ def test_each_kind_has_runs_on_all_trusses_and_the_same_parameters(case):
     assert all(count % len(TRUSSES) == 0 for count in counts.values())
     assert counts["base fails"] == 3 * len(FEASIBLE[case])
     assert len(set(names)) == len(names)
+
+
+def test_each_truss_comes_with_each_time():
+    faults = next(
+        c for c in loop_campaigns("Literal arm, Case 1", 1) if "faults" in c.name
+    )
+    for kind in ("base fails", "robot fails, braked", "valve open, 2 N"):
+        labels = [label for label in faults.labels if label.startswith(kind)]
+        pairs = {re.sub(r".*, (.*)\), (.*)", r"\1 \2", label) for label in labels}
+        assert len(pairs) == len(TIMES) * len(TRUSSES)
 
 
 def test_a_fault_concerns_its_robot_only():
@@ -126,6 +137,21 @@ def test_brakes_hold_the_joints_of_failed_drives(simulate):
     angles = run["truss.task_position"].values[:, 6:13]
     moved = np.abs(angles - angles[run["time"].values == 1.0]).max(axis=1)
     assert moved[run["time"].values > 1.0].max() < 5e-6
+
+
+def test_a_valve_pushes_and_late_commands_act_two_samples_later(simulate):
+    force = np.zeros(PLANT.actuators)
+    force[8] = 2.0  # base 2 along z
+    healthy, pushed, late = (
+        simulate(0.3, **changes)["truss.base_force"].values
+        for changes in ({}, {"begin": 0.1, "forces": force}, {"late": 1.0})
+    )
+    step = np.zeros(healthy.shape[1:])
+    step[1, 2] = 2.0
+    assert_array_equal(pushed[:5], healthy[:5])  # samples of 20 ms
+    assert_allclose(pushed[6] - healthy[6], step)
+    begin, later = (np.flatnonzero(f.any(axis=(1, 2)))[0] for f in (healthy, late))
+    assert later == begin + 2
 
 
 def test_without_a_fault_no_base_is_faulty(simulate):

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flight.loops import with_arms
-from flight.margins import VARIATIONS, loop_session, loops_along, margins_of, min_disk
+from flight.loops import flight_simulator, with_arms
+from flight.margins import VARIATIONS, loop_session, loops_along, margins_of
 from flight.sampled_loop import spectral_radius
+from numpy.testing import assert_array_equal
 from systems import assert_near
 
 from trussflow.blocks import Session
@@ -34,6 +35,17 @@ def loops(session):
     """Return the loop at two instants, and the state of the run there."""
     along = loops_along(session, DURATION, {}, INSTANTS)
     return {name: (loop, session.save()) for name, loop in along}
+
+
+def test_the_controller_is_that_of_the_runs(session):
+    flown = flight_simulator(backend="interpreted").prepared.plan
+    own = session.prepared.plan
+    for name in ("allocation.limits", "economy.limits", "law.bandwidth"):
+        values = [
+            plan.p.named(plan.parameters(None))[f"controller.{name}"]
+            for plan in (own, flown)
+        ]
+        assert_array_equal(*values)
 
 
 def test_a_servo_prevents_the_buckling_under_thrust(loops):
@@ -80,7 +92,7 @@ def test_the_map_predicts_the_flight(session, loops, instant, rng):
 
 
 def test_margins_of_one_loop(loops):
-    """The loop is stable up to the delay, and not beyond; growth is the logarithm of the spectral radius."""
+    """The loop is stable up to the delay, and not beyond; an unstable one has no margins."""
     loop = loops["peak acceleration"][0]
     found = margins_of(loop, 24)
     growth = dict(zip(VARIATIONS, found["growth"], strict=True))
@@ -90,7 +102,9 @@ def test_margins_of_one_loop(loops):
     late = round(found["delay"] / 0.02)
     for count, stable in ((late, True), (late + 1, False)):
         assert (spectral_radius(loop.closed(late=count)) < 1.0) == stable
-    assert found["disk"] == min_disk(loop)
+    unstable = margins_of(replace(loop, controller=-loop.controller), 24)
+    assert unstable["disk"] == 0.0
+    assert np.isnan(unstable["delay"])
 
 
 def test_arms_of_other_mass_and_length():

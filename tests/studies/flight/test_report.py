@@ -28,9 +28,12 @@ def invented(campaign):
     if campaign.section == "Propellant and wheel management":
         names = re.findall("^position|propellant.*|final m.*", "\n".join(METRICS))
         return dataset(1e-3, names, **runs)
-    if campaign.section == "Exact loops":
-        names = "position", "late position", "late attitude", "grasp 4"
-        return dataset(1e-4, (*names, "late vibration of grasp 4"), **runs)
+    if campaign.section in ("Exact loops", "Damping by thrusters or arms"):
+        names = "position", "late position", "late attitude", "grasp 4", "propellant"
+        found = dataset(1e-4, (*names, "late vibration of grasp 4"), **runs)
+        return found.assign_coords(
+            kind=("sample", list(campaign.kinds or runs["sample"]))
+        )
     found = dataset(1e-6, [*METRICS][: [*METRICS].index("grasp 4")], **runs)
     found["false alarms"][:] = 0.0
     return found.assign_coords(kind=("sample", list(campaign.kinds))).assign(
@@ -63,16 +66,18 @@ def test_all_results_are_in_the_report(tmp_path):
     assert "| coast, nominal truss | −0.10 |" in text
     assert "| mean axes, consistent plant | 0.100 |" in text
     assert (
-        "| healthy samples | 3 | 0 | 0.00100 | 0.00100 | 0.00100 | 1.00 | 1.00×10⁻⁶ | 2 |" in text
+        "| healthy samples | 3 | 0 | 0.00100 | 0.00100 | 0.00100 | 1.00 | 1.00×10⁻⁶ | 2 |"
+        in text
     )
     assert (
-        "| base fails | 9 | 1 | ∞ | 0.00100 | 0.00100 | 0.00100 | 1.00×10⁻⁶ | 0 | 8 | 0.50" in text
+        "| base fails | 9 | 1 | ∞ | 0.00100 | 0.00100 | 0.00100 | 1.00×10⁻⁶ | 0 | 8 | 0.50"
+        in text
     )
     assert (
         "| case 1, with management | 1.00 | 1.00 | 1.00 | 1.00 | 1.00 | 1.00 | 0.00100 |"
         in text
     )
-    assert "| thrusters damp | 0.00100 |" in text
+    assert "| thrusters damp | 0.100 | 0.100 | 0.100 | 0.100 |" in text
     assert "| base 4 | 0." in text  # along body z: not in time
     page = (tmp_path / "details.md").read_text(encoding="utf-8")
     assert heads(page) == heads(TEXTS[DOCS / "flight/details.md"])

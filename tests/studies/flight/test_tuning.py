@@ -31,7 +31,8 @@ SHORT = {"seeds": range(1), "others": range(1000, 1002), "trials": 2, "duration"
 
 
 @pytest.mark.campaign
-def test_designs_are_compared_on_other_seeds(plant, tmp_path):
+@pytest.mark.usefixtures("plant")
+def test_designs_are_compared_on_other_seeds(tmp_path):
     """The shipped design has the metrics of the shipped loop; a second call takes the finished runs."""
     found, compared = tuned_designs(tmp_path, **SHORT)
     truss, seed = TunableTruss.accurate(), SHORT["others"][1]
