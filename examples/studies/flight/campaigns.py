@@ -66,12 +66,12 @@ AT_REST = f"healthy samples, {LONG_DURATION:g} s"
 OTHER_ARMS = f"arms {ARM_ERROR:.0%} heavier and longer"
 """Kinds of the runs without a fault."""
 
-UNUSED = 30.0
+AVOIDED_WEIGHT = 30.0
 """Additional weight of actuators that the feedback avoids [-]."""
 
 FEEDBACK_WEIGHTS = {
-    "thrusters damp": (1.0, UNUSED, UNUSED),
-    "arms damp": (UNUSED, UNUSED, 1.0),
+    "thrusters damp": (1.0, AVOIDED_WEIGHT, AVOIDED_WEIGHT),
+    "arms damp": (AVOIDED_WEIGHT, AVOIDED_WEIGHT, 1.0),
 }
 """Additional weights of thrusts, base torques and joint torques in the feedback [-]."""
 

@@ -83,12 +83,12 @@ DAMPING = """\
 Ishijima, Tzeranis and Dubowsky (*The on-orbit maneuvering of large space flexible structures by free-flying
 robots*, i-SAIRAS 2005) and Ono (*Experimental validation of the efficient robotic transportation algorithm for
 large-scale flexible space structures*, MSc thesis, MIT 2007) compare two ways to damp the vibration of a structure
-that thrusters move: by the thrusters, or by the arms. They found that the arms save propellant. The runs compare both
-with the shipped feedback, which prefers base torques. Case 1, literal arm, {campaigns.LONG_DURATION:g} s, the worst
-of {count} trusses. With *thrusters damp*, base and joint torques have {campaigns.UNUSED:g} times the weight of thrusts
-in the feedback; with *arms damp*, thrusts and base torques have {campaigns.UNUSED:g} times that of joint torques. The
-position feedback still uses thrusters, since the task has priority over these weights. *Late vibration* is the
-deviation from the mean in the last second.
+that thrusters move: by the thrusters, or by the arms. They found that the arms save propellant. The runs compare
+both with the shipped feedback, which prefers base torques. Case 1, literal arm, {campaigns.LONG_DURATION:g} s, the
+worst of {count} trusses. With *thrusters damp*, base and joint torques have {campaigns.AVOIDED_WEIGHT:g} times the
+weight of thrusts in the feedback; with *arms damp*, thrusts and base torques have {campaigns.AVOIDED_WEIGHT:g}
+times that of joint torques. The position feedback still uses thrusters, since the task has priority over these
+weights. *Late vibration* is the deviation from the mean in the last second.
 
 {table}"""
 

@@ -138,7 +138,7 @@ def test_a_valve_pushes_and_late_commands_act_two_samples_later(simulate):
     step = np.zeros(healthy.shape[1:])
     step[1, 2] = 2.0
     assert_array_equal(pushed[:5], healthy[:5])  # samples of 20 ms
-    assert_allclose(pushed[6] - healthy[6], step)
+    assert_allclose(pushed[6] - healthy[6], step, rtol=0.0, atol=1e-12)
     begin, later = (np.flatnonzero(f.any(axis=(1, 2)))[0] for f in (healthy, late))
     assert later == begin + 2
 
