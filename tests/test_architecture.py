@@ -1,12 +1,14 @@
-"""Rules about the source files: imports between packages, the packages listed, tolerances stated."""
+"""Rules about the source files: imports between packages, the packages listed, faults that can be planted."""
 
 import ast
 from graphlib import TopologicalSorter
 
+from planted_faults import FAULTS
 from sources import (
     ALL_FILES,
     MODULES,
     PACKAGE_FILES,
+    ROOT,
     SETUPTOOLS,
     module_of,
     place,
@@ -219,6 +221,16 @@ def test_every_package_is_listed():
     assert [
         path for path in PACKAGE_FILES if module_of(path.parent) not in packages
     ] == []
+
+
+def test_planted_faults_fit_the_code():
+    """The campaign of CI plants every eighth of them only."""
+    wrong = [
+        f"{fault.file}: {fault.old}"
+        for fault in FAULTS
+        if (ROOT / fault.file).read_text(encoding="utf-8").count(fault.old) != 1
+    ]
+    assert wrong == []
 
 
 def test_tolerances_are_stated():
