@@ -41,13 +41,15 @@ def summed(size):
 @pytest.fixture(scope="module")
 def session():
     """Return Case 1 with faults as inputs."""
-    diagram = mean_axes_transport(Mission.of_case(1), TRUSS, hardware=HARDWARE, seed=1)
+    # A plant of its own, as workers may set up the fixture again.
+    truss = HARDWARE.mounted(SpaceTruss.consistent())
+    diagram = mean_axes_transport(Mission.of_case(1), truss, hardware=HARDWARE, seed=1)
     names = ("actuators", "sensors", "controller", "trajectory")
     actuators, sensors, controller, trajectory = (diagram.blocks[n] for n in names)
     diagram.add(forces=summed(TRUSS.actuators), measured=summed(TRUSS.rigid))
-    diagram.disconnect(TRUSS.actuation)
+    diagram.disconnect(truss.actuation)
     actuators.port("actuation") >> diagram.forces.signal
-    diagram.forces.port("sum") >> TRUSS.actuation
+    diagram.forces.port("sum") >> truss.actuation
     diagram.disconnect(controller.port("position"))
     sensors.port("task_position") >> diagram.measured.signal
     diagram.measured.port("sum") >> controller.port("position")
@@ -59,7 +61,7 @@ def session():
         valid=controller.port("valid"),
     )
     controller.expose(lost_shares=controller.blocks["monitor"].lost_shares)
-    diagram.expose(position=TRUSS.task_position, reference=trajectory.port("position"))
+    diagram.expose(position=truss.task_position, reference=trajectory.port("position"))
     diagram.expose(**{name: controller.port(name) for name in BOUNDS})
     with Session(diagram, step=1e-3) as found:
         yield found

@@ -89,7 +89,7 @@ def windows(chromium):
     """Yield a function that opens windows, small ones as pixels take most of the time; close them in the end."""
     made = []
 
-    def make(width=540, height=420):
+    def make(width=640, height=480):
         context = chromium.new_context(viewport={"width": width, "height": height})
         made.append(Replay(context.new_page(), "error"))
         return made[-1]
