@@ -290,19 +290,20 @@ def damping_campaign() -> Campaign:
         "shipped": (shipped.thrust_reluctance, 1.0, shipped.joint_reluctance),
         **FEEDBACK_WEIGHTS,
     }
-    rows = []
-    for (thrust, torque, joint), seed in product(feedbacks.values(), TRUSSES):
+    rows, labels, kinds = [], [], []
+    for (kind, (thrust, torque, joint)), seed in product(feedbacks.items(), TRUSSES):
         bases = np.tile(np.repeat([thrust, torque], 3), plant.robots)
         weights = np.append(bases, np.full(plant.joints, joint))
         rows.append({name: weights} | run_parameters(plant, seed))
-    labels = list(product(feedbacks, map(truss_name, TRUSSES)))
+        labels.append(f"{kind}, {truss_name(seed)}")
+        kinds.append(kind)
     return Campaign(
         section=DAMPING,
         name="damping",
         options={"case": 1, "arm": "literal"},
         rows=rows,
-        labels=[", ".join(label) for label in labels],
-        kinds=[kind for kind, _ in labels],
+        labels=labels,
+        kinds=kinds,
         keep=damping_metrics,
         duration=LONG_DURATION,
     )
