@@ -14,7 +14,7 @@ BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 # Python compiles the modules that it imports; pip would compile all of them, in half of its time.
 PIP_INSTALL := $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check
 
-.PHONY: help transport live reproduce flight sweep modes reports-check check types rules test campaign test-oldest format docs bench bench-check bench-peers bench-solvers clean FORCE
+.PHONY: help transport live reproduce flight sweep modes reports-check check types rules test campaign environment-oldest test-oldest format docs bench bench-check bench-peers bench-solvers clean FORCE
 .DELETE_ON_ERROR:
 
 help:
@@ -80,11 +80,13 @@ campaign: $(VENV)/dev.stamp
 OLDEST_TESTS := $(addprefix tests/blocks/, tracing library/test_whole_library.py control linear_analysis \
   $(addprefix simulation/test_, adaptive.py results.py streamed_log.py))
 
-test-oldest:
+environment-oldest:
 	$(MAKE) VENV=$(OLDEST) $(OLDEST)/pyvenv.cfg
 	$(PYTHON) tests/oldest.py > $(OLDEST)/pins.txt
-	PIP_CONSTRAINT=$(OLDEST)/pins.txt $(MAKE) test VENV=$(OLDEST) EXTRA=test \
-	  PYTEST_ARGS='-W default $(OLDEST_TESTS)'
+	PIP_CONSTRAINT=$(OLDEST)/pins.txt $(MAKE) VENV=$(OLDEST) EXTRA=test $(OLDEST)/dev.stamp
+
+test-oldest: environment-oldest
+	$(MAKE) test VENV=$(OLDEST) EXTRA=test PYTEST_ARGS='-W default $(OLDEST_TESTS)'
 
 RULES := $(addprefix tests/test_, architecture.py docstrings.py documents.py prose.py)
 
@@ -128,6 +130,7 @@ clean:
 	find blocks models fmu tests examples -name __pycache__ -prune -exec rm -rf {} +
 
 # Environment. An editable install links files one by one, so it is renewed when a file is added or removed.
+# All environments use the same links (build/__editable__*): nothing else may run while one is installed.
 # Missions need fewer packages than development: one stamp each.
 
 $(VENV)/runtime.stamp: pyproject.toml $(VENV)/sources
