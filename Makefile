@@ -7,6 +7,9 @@ PYTHON ?= python3
 WORKERS ?= 3
 CAMPAIGN ?= 1
 
+# Hundreds of test processes import the packages: bytecode is cached, also where the environment disables that.
+unexport PYTHONDONTWRITEBYTECODE
+
 VENV ?= .venv
 EXTRA ?= dev
 OLDEST := .venv-oldest
