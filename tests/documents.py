@@ -5,17 +5,9 @@ import re
 from sources import ROOT
 
 DOCS = ROOT / "docs"
+FOLDERS = ("blocks", "docs", "examples", "fmu", "models")
 GENERATED = {"gallery", "pages", "reference"}
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
-
-
-def is_source(path):
-    """Return whether a Markdown file is written by hand, not made when the site is built."""
-    folder, *below = path.relative_to(ROOT).parts
-    return (
-        folder in ("blocks", "models", "fmu", "docs", "examples")
-        and below[0] not in GENERATED
-    )
 
 
 def heads(text):
@@ -26,8 +18,15 @@ def heads(text):
 FILES = [
     ROOT / "README.md",
     ROOT / "CONTRIBUTING.md",
-    *filter(is_source, sorted(ROOT.glob("*/**/*.md"))),
+    *(
+        path
+        for folder in FOLDERS
+        for path in sorted((ROOT / folder).rglob("*.md"))
+        if path.relative_to(ROOT).parts[1] not in GENERATED
+    ),
 ]
+"""Files written by hand, not made when the site is built."""
+
 TEXTS = {path: path.read_text(encoding="utf-8") for path in FILES}
 FENCES = [
     (path, *fence) for path, text in TEXTS.items() for fence in FENCE.findall(text)
