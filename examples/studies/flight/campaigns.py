@@ -30,6 +30,9 @@ FIRST_SEED = 8000
 TRUSSES = (NOMINAL_SEED, FIRST_SEED, FIRST_SEED + 1)
 """Seeds of the trusses that the runs of one kind of condition have in turn."""
 
+FAULT_TRUSSES = [TRUSSES[(i + i // 3) % 3] for i in range(9)]
+"""Seeds of successive runs with faults: each truss comes with each time of a fault."""
+
 LOOPS: dict[str, dict[str, Any]] = {
     "Literal arm, Case 1": {"case": 1, "arm": "literal"},
     "Literal arm, Case 2": {"case": 2, "arm": "literal"},
@@ -235,7 +238,7 @@ def loop_campaigns(name: str, count: int) -> list[Campaign]:
             for block in [seeds[i : i + BLOCK_SIZE]]
         ),
         campaign("at rest", same(AT_REST), seeds[:LONG_SAMPLES], LONG_DURATION),
-        campaign("faults", faults[::fault_step], cycle(TRUSSES)),
+        campaign("faults", faults[::fault_step], cycle(FAULT_TRUSSES)),
     ]
     if name == next(iter(LOOPS)):
         nominal = 1.0 / (1.0 + ARM_ERROR)

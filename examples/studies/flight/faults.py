@@ -163,7 +163,7 @@ def fault_runs(
     for kind, fault in FAULTS["kinds"].items():
         runs = product(fault.get("robots", FEASIBLE[1]), fault.get("times", TIMES))
         for robot, time in runs:
-            if "base" in fault and robot not in FEASIBLE[case]:
+            if fault.get("base", 1.0) < 0.5 and robot not in FEASIBLE[case]:
                 continue
             name = f"{kind} ({robot}, {time:g} s)"
             yield kind, name, fault_parameters(hardware, plant, robot, time, fault)

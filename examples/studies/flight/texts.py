@@ -32,12 +32,10 @@ alarm; for the {campaigns.LONG_SAMPLES} samples of {campaigns.LONG_DURATION:g} s
 0.07 mm.
 
 Faults begin at 10, 30 and 50 s, a stuck encoder at 10 s only. Biases, friction, gains, delays and other arms exist
-from the start. The controller is not informed of them, except of an invalid pose. Faults at 10 s have the nominal
-truss, those at 30 and 50 s the trusses of seeds {campaigns.TRUSSES[1]} and {campaigns.TRUSSES[2]} (Jaco arm:
-{campaigns.TRUSSES[2]} and {campaigns.TRUSSES[1]}); all three take turns in the other runs. Base 4 cannot fail
-completely within the limits along body z, and in Case 2 neither can base 3 ([Feasibility](#feasibility)). Partial
-losses of these bases were not simulated. The runs with faults are of the fault detection before the rule for a loss
-that most bases have in common. With it, the runs of Case 1 with a base gain of 0.5 have errors of at most 8 mm.
+from the start. The controller is not informed of them, except of an invalid pose. The nominal truss and those of
+the seeds {campaigns.TRUSSES[1]} and {campaigns.TRUSSES[2]} take turns. Base 4 cannot fail completely within the
+limits along body z, and in Case 2 neither can base 3 ([Feasibility](#feasibility)), so these lose half of their
+effect at most.
 
 * *Robot fails, braked*: base and drives have no effect. The brakes of the drives hold the joints.
 * *Valve open*: a constant force at one base, along −z at 10 s, −x at 30 s and −y at 50 s in its axes.

@@ -1,12 +1,13 @@
 """Faults: parameters of the runs, effects on a loop, and isolation of bases."""
 
+import re
 from collections import Counter
 
 import numpy as np
 import pytest
 import xarray as xr
-from flight.campaigns import TRUSSES
-from flight.faults import FEASIBLE, Faults, fault_parameters, fault_runs
+from flight.campaigns import TRUSSES, loop_campaigns
+from flight.faults import FEASIBLE, TIMES, Faults, fault_parameters, fault_runs
 from flight.loops import flight_simulator
 from flight.metrics import isolation, run_metrics
 from numpy.testing import assert_allclose, assert_array_equal
@@ -33,6 +34,16 @@ def test_each_kind_has_runs_on_all_trusses_and_the_same_parameters(case):
     assert all(count % len(TRUSSES) == 0 for count in counts.values())
     assert counts["base fails"] == 3 * len(FEASIBLE[case])
     assert len(set(names)) == len(names)
+
+
+def test_each_truss_comes_with_each_time():
+    faults = next(
+        c for c in loop_campaigns("Literal arm, Case 1", 1) if "faults" in c.name
+    )
+    for kind in ("base fails", "robot fails, braked", "valve open, 2 N"):
+        labels = [label for label in faults.labels if label.startswith(kind)]
+        pairs = {re.sub(r".*, (.*)\), (.*)", r"\1 \2", label) for label in labels}
+        assert len(pairs) == len(TIMES) * len(TRUSSES)
 
 
 def test_a_fault_concerns_its_robot_only():
