@@ -67,6 +67,8 @@ class FaultDetection(MeanAxesBlock):
     * A base has failed if its lost share is large, significant, and the most significant one of the bases in
       use, in two consecutive samples. Commands of bases are correlated, so their lost shares are, too.
       The estimate from the last 0.1 s alone suffices if it is clear.
+    * A base is isolated only if the mission is feasible without it (`dispensable`). Otherwise what is left
+      of its effect is better than nothing.
     * An arm that follows neither base nor drives is held, by its brakes or by friction. Its base is tested with
       the innovations of the truss frame alone.
     * If the residual is larger than noise, or more than the whole effect is lost, the cause is none of these,
@@ -142,6 +144,9 @@ class FaultDetection(MeanAxesBlock):
 
     threshold = Parameter(
         above=0.0, meaning="significant lost share, in standard deviations"
+    )
+    dispensable = Parameter(
+        1.0, "robots", meaning="1 for bases without which the mission is feasible"
     )
 
     def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign) -> None:
@@ -273,9 +278,10 @@ class FaultDetection(MeanAxesBlock):
         weights = np.where(np.logical_and(explained, np.logical_not(common)), used, 0.0)
         rank = np.max(np.where(likely, weights * deviations, 0.0), axis=0)
         suspected = np.where(np.logical_and(rank > 0.0, rank >= np.max(rank)), 1.0, 0.0)
+        confirmed = suspected * x.suspected * p.dispensable
         largest = np.max(np.where(held, 1.0, shares + 2.0 * spreads), axis=0)
         works = np.logical_and(largest < WORKING, explained)
-        failed = np.where(works, 0.0, np.maximum(x.failed, suspected * x.suspected))
+        failed = np.where(works, 0.0, np.maximum(x.failed, confirmed))
         return {
             "rates": predicted + self.gains * innovation,
             "drift": x.drift + self.drift_gains * innovation,

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from flight.faults import add_faults
 from trussflow.blocks.simulation.simulator import Simulator
 from trussflow.models.dynamics.dynamics import TrussDynamics
+from trussflow.models.feasibility.reach import shares_left
 from trussflow.models.hardware.hardware import Hardware
 from trussflow.models.mean_axes.design import MeanAxesDesign
 from trussflow.models.plant.tunable_truss import TunableTruss
 from trussflow.models.transport.mean_axes_wiring import mean_axes_transport
 from trussflow.models.transport.mission import Mission
-from trussflow.models.transport.wiring import transport_diagram
+from trussflow.models.transport.wiring import path_of, transport_diagram
 
 LOG = (
     "trajectory.position",
@@ -117,7 +120,7 @@ def simulator_of(
     nominal : TrussDynamics, optional
         Nominal dynamics of the controller, by default those of the plant.
     faults : bool
-        Whether the loop has `Faults`.
+        Whether the loop has `Faults`, and isolates only bases without which the mission is feasible.
     log : tuple of str
         Logged signals.
     backend : str
@@ -133,6 +136,12 @@ def simulator_of(
         diagram = transport_diagram(mission, truss, believed=nominal, hardware=hardware)
     if faults:
         add_faults(diagram, truss, hardware.sample_time)
+        limits, monitor = (
+            hardware.limits(truss),
+            diagram.blocks["controller"].blocks["monitor"],
+        )
+        shares = shares_left(truss.dynamics, path_of(mission, truss), limits)
+        monitor.parameters["dispensable"] = np.floor(shares)
     step = min(law.step, SERVO_STEP) if hardware.servo else law.step
     return Simulator(diagram, step=step, log=log, log_step=0.02, backend=backend)
 

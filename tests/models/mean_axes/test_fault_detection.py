@@ -311,6 +311,17 @@ def test_the_most_significant_loss_comes_first():
     assert_array_equal(after["suspected"], np.eye(4)[0])
 
 
+@pytest.mark.parametrize("dispensable", [1.0, 0.0])
+@pytest.mark.parametrize("before", [0.0, 1.0])
+def test_a_dispensable_base_is_isolated_after_two_samples(before, dispensable):
+    x, u, p = quiet(MONITOR)
+    p["dispensable"] = np.array([dispensable, 1.0, 1.0, 1.0])
+    x["match"], x["information"] = 1e4 * np.eye(8)[0], 1e4 * np.eye(8)
+    x["suspected"] = before * np.eye(4)[0]
+    after = MONITOR.update(np.array(0.0), x, u, p)
+    assert_array_equal(after["failed"], before * dispensable * np.eye(4)[0])
+
+
 @pytest.mark.parametrize(
     "lost, recent, braked, settling, residual, used",
     [

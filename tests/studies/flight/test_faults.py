@@ -46,6 +46,14 @@ def test_each_truss_comes_with_each_time():
         assert len(pairs) == len(TIMES) * len(TRUSSES)
 
 
+@pytest.mark.parametrize("case", [1, 2])
+def test_only_bases_without_which_a_case_is_feasible_are_isolated(case):
+    plan = flight_simulator(case, backend="interpreted").prepared.plan
+    values = plan.p.named(plan.parameters(None))
+    isolable = np.flatnonzero(values["controller.monitor.dispensable"]) + 1
+    assert tuple(isolable) == FEASIBLE[case]
+
+
 def test_a_fault_concerns_its_robot_only():
     base, robot = parameters(2, base=0.0), parameters(2, base=0.0, drives=0.0)
     assert_array_equal(base["bases"], [1.0, 0.0, 1.0, 1.0])
