@@ -58,6 +58,7 @@ LONG_SAMPLES = 4
 
 PROPELLANT = "Propellant and wheel management"
 DAMPING = "Damping by thrusters or arms"
+WORST_CASE = "Worst case"
 EXACT = "Exact loops"
 """Titles of sections of the report."""
 

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import xarray as xr
 from study_tools.evidence import fingerprint, write_report
 from study_tools.ledger import Ledger
 
-from flight import campaigns, metrics, samples, sections
+from flight import campaigns, metrics, samples, sections, worst_case
 from flight.campaigns import Campaign, all_campaigns, loop_fingerprint
 from flight.limits import robustness_limits, simulated, trial_simulator
 from flight.loops import LAWS
 from flight.margins import loop_session, margins_along
 from flight.texts import HEAD
+from flight.worst_case import Proof
 from trussflow.blocks.support.files import replaced
 from trussflow.models.reporting.metrics import DEFINITIONS
 
@@ -53,7 +56,13 @@ def make_report(count: int, output: Path, runs: Path, workers: int | None) -> Pa
         )
     )
     margins = margins_along(MARGIN_SEEDS)
-    return write(simulations, found, bounds, margins, output, fingerprints())
+    worst = {
+        metric: worst_case.searched(metric, runs, workers=workers, executor="threads")
+        for metric in worst_case.SEARCHED
+    }
+    proof = worst_case.proof()
+    recorded = fingerprints()
+    return write(simulations, found, bounds, margins, worst, proof, output, recorded)
 
 
 def fingerprints() -> dict[str, list[float]]:
@@ -63,6 +72,9 @@ def fingerprints() -> dict[str, list[float]]:
     for law in LAWS:
         trial = ("law", law), ("imperfection", "hold"), ("value", 0.0)
         found[LIMITS] += loop_fingerprint(trial_simulator, trial)
+    found[campaigns.WORST_CASE] = worst_case.generation(
+        "", np.zeros((1, worst_case.DIMENSION))
+    ).fingerprint()
     found[MARGINS] = fingerprint(loop_session(backend="numpy"))
     return found
 
@@ -72,6 +84,8 @@ def write(
     found: Mapping[str, xr.Dataset],
     bounds: Bounds,
     margins: xr.Dataset,
+    worst: Mapping[str, Mapping[str, Any]],
+    proof: Proof,
     folder: Path,
     recorded: Mapping[str, Sequence[float]],
 ) -> Path:
@@ -87,6 +101,10 @@ def write(
         Result of `robustness_limits`.
     margins : xarray.Dataset
         Result of `margins_along`.
+    worst : mapping
+        Results of `worst_case.searched` by metric.
+    proof : Proof
+        Result of `worst_case.proof`.
     folder : pathlib.Path
         Folder of the report.
     recorded : mapping
@@ -108,6 +126,9 @@ def write(
     texts = {
         "Feasibility": sections.missions_section(ledger),
         MARGINS: sections.margins_section(margins, ledger),
+        campaigns.WORST_CASE: sections.worst_case_section(
+            loops[next(iter(loops))], worst, proof, ledger
+        ),
         campaigns.PROPELLANT: sections.propellant_section(
             grouped[campaigns.PROPELLANT], ledger
         ),

@@ -11,13 +11,23 @@ import numpy as np
 import xarray as xr
 from study_tools.ledger import Ledger
 
-from flight import campaigns
+from flight import campaigns, worst_case
 from flight.limits import IMPERFECTIONS
 from flight.loops import LAWS, PAPER_LAWS, flight_hardware
 from flight.margins import VARIATIONS
 from flight.metrics import METRICS, lost, table
 from flight.samples import NOMINAL_SEED
-from flight.texts import DAMPING, DETAILS, LIMITS, LOOPS, MARGINS, MISSIONS, PROPELLANT
+from flight.texts import (
+    DAMPING,
+    DETAILS,
+    LIMITS,
+    LOOPS,
+    MARGINS,
+    MISSIONS,
+    PROPELLANT,
+    WORST_CASE,
+)
+from flight.worst_case import Proof
 from trussflow.models.feasibility import survey
 from trussflow.models.feasibility.failures import single_failures
 from trussflow.models.plant.space_truss import SpaceTruss
@@ -28,6 +38,18 @@ from trussflow.models.transport.wiring import path_of
 SUMMARY_METRICS = ("position", "attitude", "joints", "late position", "base torque")
 
 DETAIL_METRICS = (*SUMMARY_METRICS, "joint torque", "false alarms", "isolated after")
+
+WITNESS_QUANTITIES = {
+    "position": ("mm", 1e3),
+    "attitude": ("mrad", 1e3),
+    "mass": ("%", 1.0),
+    "frequency": ("%", 1.0),
+    "damping": ("%", 1.0),
+    "payload": ("kg", 1.0),
+    "shapes": ("%", 1.0),
+    "biases": ("mrad", 1e3),
+}
+"""Units of the quantities of a worst case in the table, and their factors."""
 
 Results = Mapping[str, xr.Dataset]
 
@@ -160,6 +182,54 @@ def margins_section(found: xr.Dataset, ledger: Ledger) -> str:
     return MARGINS.format(
         table=markdown_table(header, rows),
         count=ledger("margins: samples", int(drawn.sum())),
+    )
+
+
+def worst_case_section(
+    runs: xr.Dataset,
+    worst: Mapping[str, Mapping[str, Any]],
+    proof: Proof,
+    ledger: Ledger,
+) -> str:
+    """Return the worst runs of the search with their trusses, and the proved growth rate.
+
+    Parameters
+    ----------
+    runs : xarray.Dataset
+        Runs of the loop, with healthy samples.
+    worst : mapping
+        Results of `worst_case.searched` by metric.
+    proof : Proof
+        Result of the linear analysis.
+    ledger : Ledger
+        Record of the numbers.
+    """
+    healthy = runs.isel(sample=runs["kind"].values == campaigns.HEALTHY)
+    rows = []
+    for name, (unit, factor) in WITNESS_QUANTITIES.items():
+        cells = [f"{name} [{unit}]"]
+        for metric, witness in worst.items():
+            note = partial(ledger.of(f"worst {metric}"), show_unit=False)
+            values = factor * np.atleast_1d(witness[name])[: worst_case.SHAPE_COUNT]
+            cells.append(
+                ", ".join(note(f"{name} {k}", v, unit) for k, v in enumerate(values, 1))
+            )
+        rows.append(cells)
+    header = ["quantity", *(f"largest {metric} error" for metric in worst)]
+    note = partial(ledger.of("worst case"), show_unit=False)
+    return WORST_CASE.format(
+        table=markdown_table(header, rows),
+        position=ledger("worst sample", 1e3 * float(healthy["position"].max()), "mm"),
+        attitude=ledger(
+            "worst sample, attitude", 1e3 * float(healthy["attitude"].max()), "mrad"
+        ),
+        worst_case=worst_case,
+        generations=len(worst_case.SPREADS),
+        frequencies=len(worst_case.FREQUENCIES),
+        growth=note("growth of corners", proof.growth, "1/s"),
+        bound=note("bound", proof.bound, "1/s"),
+        middle=note("growth in the middle", proof.middle, "1/s"),
+        interpolated=note("interpolated growth", proof.interpolated, "1/s"),
     )
 
 

@@ -90,6 +90,27 @@ weights. *Late vibration* is the deviation from the mean in the last second.
 
 {table}"""
 
+WORST_CASE = """\
+Case 1 with the literal arm. Two searches maximize the position error and the attitude error of simulated runs with
+noise and quantization. Mass, frequencies, damping and payload have the bounds of the healthy samples. The shapes of
+the {worst_case.SHAPE_COUNT} slowest modes at the grasps deviate by up to {worst_case.MAX_SHAPE:.0%}, the others are
+nominal. The encoders of each robot have an equal bias of up to {worst_case.MAX_BIAS:g} rad. A search has
+{generations} generations of {worst_case.POPULATION_SIZE} runs with the same noise, each about the worst run before. In
+the table, shapes are those of the modes in ascending order, biases those of robots 1 to 4. The largest errors of the
+healthy samples, which have no biases and different noise, are {position} and {attitude}.
+
+{table}
+
+The errors have no proved bound, but the growth rates of the linear loop have one. The loop is that of
+[Margins](#margins-under-thrust) at peak acceleration, for all trusses within the bounds of mass, frequencies, damping
+and payload, with nominal shapes. The slowest mode has a growth rate of at most {growth} 1/s at the corners of these
+bounds. No growth rate within them exceeds {bound} 1/s, since the impedance of plant and controller is not singular
+on this vertical line. That is proved at {frequencies} frequencies up to {worst_case.MAX_FREQUENCY:g} rad/s, for
+impedances without aliases that are interpolated between the corners (`examples/studies/flight/worst_case.py`). The
+exact growth rate for mean mass and payload, the largest frequencies and the least damping is {middle} 1/s, and
+{interpolated} 1/s by the interpolation.
+"""
+
 LIMITS = """\
 One imperfection at a time, while all else is exact and joints are gearless. The table has the largest value with
 which Case 1 succeeds (bold), and the smallest value tried by bisection with which it fails: the run is lost, or

@@ -12,6 +12,7 @@ from flight.limits import IMPERFECTIONS, LAWS
 from flight.margins import VARIATIONS
 from flight.metrics import METRICS
 from flight.report import write
+from flight.worst_case import BIASES, Proof, truss_of
 
 
 def dataset(value, names, **coords):
@@ -59,15 +60,23 @@ def test_all_results_are_in_the_report(tmp_path):
     margins = margins.merge(
         dataset(-0.1, ["growth"], **each, variation=list(VARIATIONS))
     )
+    samples["attitude"][2] = 2e-3
+    search = {**truss_of(-np.ones(BIASES), 38), "biases": np.full(4, 5e-4)}
+    worst = {
+        name: {"position": 3e-3, "attitude": 4e-3, **search}
+        for name in ("position", "attitude")
+    }
+    recorded = {"case 1": [1.0]}
+    proof = Proof(-0.04, -0.02, -0.1, -0.11)
     text = write(
-        campaigns, found, bounds, margins, tmp_path, {"case 1": [1.0]}
+        campaigns, found, bounds, margins, worst, proof, tmp_path, recorded
     ).read_text(encoding="utf-8")
     assert heads(text) == heads(TEXTS[DOCS / "flight/README.md"])
     assert "| fails at 120 |" in text
     assert "| coast, nominal truss | −0.10 |" in text
     assert "| mean axes, consistent plant | 0.100 |" in text
     assert (
-        "| healthy samples | 3 | 0 | 0.00100 | 0.00100 | 0.00100 | 1.00 | 1.00×10⁻⁶ | 2 |"
+        "| healthy samples | 3 | 0 | 0.00100 | 2.00 | 0.00100 | 1.00 | 1.00×10⁻⁶ | 2 |"
         in text
     )
     assert (
@@ -80,9 +89,13 @@ def test_all_results_are_in_the_report(tmp_path):
     )
     assert "| thrusters damp | 0.100 | 0.100 | 0.100 | 1.00×10⁻⁴ |" in text
     assert "| base 4 | 0." in text  # along body z: not in time
+    assert "| attitude [mrad] | 4.00 | 4.00 |" in text
+    assert "| payload [kg] | 0 | 0 |" in text
+    assert "are 0.00100 mm and 2.00 mrad" in text
+    assert "No growth rate within them exceeds −0.0200 1/s" in text
     page = (tmp_path / "details.md").read_text(encoding="utf-8")
     assert heads(page) == heads(TEXTS[DOCS / "flight/details.md"])
-    assert "| base fails (2, 30 s), seed 8000 | yes |  |" in page
+    assert "| base fails (2, 30 s), seed 8001 | yes |  |" in page
     evidence = json.loads((tmp_path / "evidence.json").read_text(encoding="utf-8"))
     assert evidence["fingerprints"] == {"case 1": [1.0]}
     number = evidence["numbers"]["Literal arm, Case 1, healthy samples: late position"]
