@@ -34,11 +34,12 @@ alarm; for the {campaigns.LONG_SAMPLES} samples of {campaigns.LONG_DURATION:g} s
 Faults begin at 10, 30 and 50 s, a stuck encoder at 10 s only. Biases, friction, gains, delays and other arms exist
 from the start. The controller is not informed of them, except of an invalid pose. The nominal truss and those of
 the seeds {campaigns.TRUSSES[1]} and {campaigns.TRUSSES[2]} take turns. Base 4 cannot fail completely within the
-limits along body z, and in Case 2 neither can base 3 ([Feasibility](#feasibility)), so these lose half of their
-effect at most.
+limits along body z, and in Case 2 neither can base 3 ([Feasibility](#feasibility)). So these lose half of their
+effect at most, and the controller never isolates them (`dispensable`).
 
 * *Robot fails, braked*: base and drives have no effect. The brakes of the drives hold the joints.
 * *Valve open*: a constant force at one base, along −z at 10 s, −x at 30 s and −y at 50 s in its axes.
+  With 5 N it is as strong as a thruster.
 * *Encoder bias*: equal for all joints, or with factors from −1 to 1. The servo has encoders of its own.
 * *Encoder stuck*: angle and rate of the second joint of a robot repeat their last values. *No valid pose*: pose and
   rates of the truss frame do for 1 s, marked as invalid.
