@@ -102,14 +102,14 @@ healthy samples, which have no biases and different noise, are {position} and {a
 
 {table}
 
-The errors have no proved bound, but the growth rates of the linear loop have one. The loop is that of
+The errors have no bound, but the growth rates of the linear loop have one. The loop is that of
 [Margins](#margins-under-thrust) at peak acceleration, for all trusses within the bounds of mass, frequencies, damping
 and payload, with nominal shapes. The slowest mode has a growth rate of at most {growth} 1/s at the corners of these
-bounds. No growth rate within them exceeds {bound} 1/s, since the impedance of plant and controller is not singular
-on this vertical line. That is proved at {frequencies} frequencies up to {worst_case.MAX_FREQUENCY:g} rad/s, for
-impedances without aliases that are interpolated between the corners (`examples/studies/flight/worst_case.py`). The
-exact growth rate for mean mass and payload, the largest frequencies and the least damping is {middle} 1/s, and
-{interpolated} 1/s by the interpolation.
+bounds. No growth rate within them exceeds {bound} 1/s if the impedance of plant and controller is not singular
+on this vertical line. That is proved at {frequencies} frequencies up to {worst_case.MAX_FREQUENCY:g} rad/s, not between
+them, for impedances without aliases that are interpolated between the corners
+(`examples/studies/flight/worst_case.py`). The exact growth rate for mean mass and payload, the
+largest frequencies and the least damping is {middle} 1/s, and {interpolated} 1/s by the interpolation.
 """
 
 LIMITS = """\
