@@ -8,13 +8,16 @@ import pytest
 import xarray as xr
 from flight.campaigns import TRUSSES, loop_campaigns
 from flight.faults import FEASIBLE, TIMES, Faults, fault_parameters, fault_runs
-from flight.loops import flight_simulator
+from flight.loops import flight_hardware, flight_simulator
 from flight.metrics import isolation, run_metrics
 from numpy.testing import assert_allclose, assert_array_equal
 
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.models import Hardware
+from trussflow.models.feasibility import shares_left
 from trussflow.models.plant.tunable_truss import TunableTruss
+from trussflow.models.transport import Mission
+from trussflow.models.transport.wiring import path_of
 
 PLANT = TunableTruss.consistent()
 HARDWARE = Hardware.flight()
@@ -47,11 +50,12 @@ def test_each_truss_comes_with_each_time():
 
 
 @pytest.mark.parametrize("case", [1, 2])
-def test_only_bases_without_which_a_case_is_feasible_are_isolated(case):
-    plan = flight_simulator(case, backend="interpreted").prepared.plan
-    values = plan.p.named(plan.parameters(None))
-    isolable = np.flatnonzero(values["controller.monitor.dispensable"]) + 1
-    assert tuple(isolable) == FEASIBLE[case]
+def test_cases_are_feasible_without_the_bases_that_fail(case):
+    plant = HARDWARE.mounted(TunableTruss.accurate())
+    path = path_of(Mission.of_case(case), plant)
+    limits = flight_hardware(case).limits(plant)
+    shares = shares_left(plant.dynamics, path, limits)
+    assert tuple(np.flatnonzero(shares == 1.0) + 1) == FEASIBLE[case]
 
 
 def test_a_fault_concerns_its_robot_only():
