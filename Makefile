@@ -24,7 +24,7 @@ help:
 	@echo "make transport  simulate Case 1 of the paper: results/case1/index.html"
 	@echo "make live       the same, and a page that simulates it in the browser: results/case1/live.html"
 	@echo "make reproduce  simulate and check the claims of the paper: docs/reproduction"
-	@echo "make flight     robustness of the controllers, 400 Monte Carlo samples: docs/flight"
+	@echo "make flight     robustness of the controllers, 200 Monte Carlo samples of each case: docs/flight"
 	@echo "make sweep      1000 Monte Carlo samples of each controller: docs/sweep"
 	@echo "make modes      modes, margins and spillover of the truss: results/modes"
 	@echo "make reports-check  compare the loops of docs/reproduction with the present code, without runs"

@@ -67,8 +67,8 @@ class FaultDetection(MeanAxesBlock):
     * A base has failed if its lost share is large, significant, and the most significant one of the bases in
       use, in two consecutive samples. Commands of bases are correlated, so their lost shares are, too.
       The estimate from the last 0.1 s alone suffices if it is clear.
-    * A base is isolated only if the mission is feasible without it (`dispensable`). Otherwise what is left
-      of its effect is better than nothing.
+    * A base is isolated only if it is `dispensable`, as all are by default. Bases without which the mission
+      is infeasible should not be. While such a loss is the most significant one, no other base is isolated.
     * An arm that follows neither base nor drives is held, by its brakes or by friction. Its base is tested with
       the innovations of the truss frame alone.
     * If the residual is larger than noise, or more than the whole effect is lost, the cause is none of these,
@@ -146,7 +146,7 @@ class FaultDetection(MeanAxesBlock):
         above=0.0, meaning="significant lost share, in standard deviations"
     )
     dispensable = Parameter(
-        1.0, "robots", meaning="1 for bases without which the mission is feasible"
+        1.0, "robots", meaning="1 for bases that may be isolated, otherwise 0"
     )
 
     def __init__(self, dynamics: TrussDynamics, design: MeanAxesDesign) -> None:

@@ -31,7 +31,7 @@ TRUSSES = (NOMINAL_SEED, FIRST_SEED, FIRST_SEED + 1)
 """Seeds of the trusses that the runs of one kind of condition have in turn."""
 
 FAULT_TRUSSES = [TRUSSES[(i + i // 3) % 3] for i in range(9)]
-"""Seeds of successive runs with faults: each truss comes with each time of a fault."""
+"""Seeds of successive runs with faults: in nine runs of three times, each truss comes with each time."""
 
 LOOPS: dict[str, dict[str, Any]] = {
     "Literal arm, Case 1": {"case": 1, "arm": "literal"},

@@ -1,6 +1,6 @@
-r"""Worst case of the loop: a search by simulations, and a proof for all trusses by linear analysis.
+r"""Worst case of the loop: a search by simulations, and a stability condition on a grid of frequencies.
 
-The proof is about the impedance Z(s) of plant and sampled controller, from velocities to forces, without
+The condition is about the impedance Z(s) of plant and sampled controller, from velocities to forces, without
 aliases: a member with a pole at s has a singular Z(s). Mass, squared frequency, damping and payload enter Z
 almost linearly, one by one. So each Z in a box of them is in the convex hull of those at the corners,
 :math:`Z_i`. All matrices of the hull are regular if for some W and a positive diagonal matrix D
@@ -9,8 +9,8 @@ almost linearly, one by one. So each Z in a box of them is in the convex hull of
           W = (\bar Z + \kappa I)^{-1}
 
 with the mean :math:`\bar Z` of the corners: :math:`\kappa = 0` suits small changes of Z, and a large one passive
-loops. Poles are continuous in the parameters. If the corners are stable and no Z is singular on a vertical line,
-no member has a pole to the right of the line.
+loops. Poles are continuous in the parameters. If the poles of the corners are to the left of
+a vertical line, and no Z is singular on it, no member has a pole to the right of the line.
 """
 
 from __future__ import annotations
@@ -335,7 +335,10 @@ def has_multiplier(matrices: Array) -> bool:
     """
     middle = matrices.mean(axis=0)
     for shift in SHIFTS:
-        found = np.linalg.solve(middle + shift * np.eye(len(middle)), matrices)
+        try:
+            found = np.linalg.solve(middle + shift * np.eye(len(middle)), matrices)
+        except np.linalg.LinAlgError:
+            continue
         spread = np.abs(found - found.mean(axis=0)).max(axis=0)
         _, (scale, _) = scipy.linalg.matrix_balance(
             spread, permute=False, separate=True
