@@ -136,11 +136,9 @@ def simulator_of(
         diagram = transport_diagram(mission, truss, believed=nominal, hardware=hardware)
     if faults:
         add_faults(diagram, truss, hardware.sample_time)
-        limits, monitor = (
-            hardware.limits(truss),
-            diagram.blocks["controller"].blocks["monitor"],
-        )
-        shares = shares_left(truss.dynamics, path_of(mission, truss), limits)
+        path, limits = path_of(mission, truss), hardware.limits(truss)
+        shares = shares_left(truss.dynamics, path, limits)
+        monitor = diagram.blocks["controller"].blocks["monitor"]
         monitor.parameters["dispensable"] = np.floor(shares)
     step = min(law.step, SERVO_STEP) if hardware.servo else law.step
     return Simulator(diagram, step=step, log=log, log_step=0.02, backend=backend)

@@ -89,6 +89,11 @@ def sample_parameters(plant: TunableTruss, seed: int) -> dict[str, Any]:
     truss = plant.dynamics.modes
     if seed != NOMINAL_SEED:
         truss = varied_truss(truss, **deviations(seed, truss.modes))
+    return truss_parameters(plant, truss)
+
+
+def truss_parameters(plant: TunableTruss, truss: TrussModes) -> dict[str, Any]:
+    """Return the parameters of a run with a truss; the plant must be named ``truss``."""
     return {
         f"truss.{name}": value for name, value in plant.truss_parameters(truss).items()
     }

@@ -35,6 +35,7 @@ from flight.samples import (
     MIN_DAMPING,
     NOMINAL_SEED,
     noise_parameters,
+    truss_parameters,
     varied_truss,
 )
 from trussflow.blocks.support.types import Array, Vector
@@ -205,8 +206,7 @@ def varied_parameters(
     """Return truss and parameters of a run at a point of the box; the plant must be named ``truss``."""
     nominal = plant.dynamics.modes
     truss = varied_truss(nominal, **truss_of(point, nominal.modes))
-    values = plant.truss_parameters(truss)
-    return truss, {f"truss.{name}": value for name, value in values.items()}
+    return truss, truss_parameters(plant, truss)
 
 
 def generation(name: str, points: Vector) -> Campaign:
