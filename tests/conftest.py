@@ -45,8 +45,16 @@ LONGEST_FIRST = (
 """Files and folders in the order in which the workers take them; short files at the end keep all busy."""
 
 
+LARGE_TOOLS = {"chromium", "ziglang"}
+"""Fixtures of tools that other machines lack: a browser, and a compiler that first compiles its own C library."""
+
+
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Sort the tests by file so that the longest files begin first."""
+    """Sort the tests by file so that the longest files begin first, and leave `LARGE_TOOLS` to the campaign."""
+    for item in items:
+        if not LARGE_TOOLS.isdisjoint(item.fixturenames):
+            item.add_marker(pytest.mark.campaign)
 
     def place(item):
         path = item.path.relative_to(ROOT / "tests").as_posix()
@@ -83,6 +91,12 @@ def modes():
     from trussflow.models import TrussModes
 
     return TrussModes.reconstructed()
+
+
+@pytest.fixture(scope="session")
+def ziglang():
+    """Skip a test if there is no compiler for other machines and for WebAssembly."""
+    pytest.importorskip("ziglang")
 
 
 @pytest.fixture(scope="session")

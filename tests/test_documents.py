@@ -118,9 +118,9 @@ def test_notebooks_have_the_texts_of_links_to_pages():
         assert link.sub(r"\1", f"see {source}, twice") == "see a page, twice"
 
 
+@pytest.mark.usefixtures("ziglang")
 def test_last_cell_of_an_example_shows_its_whole_diagram_live(tmp_path):
     pytest.importorskip("latex2mathml")
-    pytest.importorskip("ziglang")
     scrape = runpy.run_path(str(DOCS / "conf.py"))["scrape"]
     scrape.__globals__.update(HERE=tmp_path, EXAMPLES=tmp_path, LIVE=[tmp_path])
     (tmp_path / "pages").mkdir()

@@ -160,8 +160,8 @@ def test_draw_gives_tree_and_picture(tmp_path, loop, capsys):
     assert (tmp_path / "loop.svg").read_text(encoding="utf-8").startswith("<svg")
 
 
+@pytest.mark.usefixtures("ziglang")
 def test_live_writes_a_page(tmp_path, loop, capsys):
-    pytest.importorskip("ziglang")
     page = tmp_path / "loop.html"
     words = ["live", loop, "--save", str(page), "--duration", "2"]
     assert (

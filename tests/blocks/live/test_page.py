@@ -70,6 +70,7 @@ def pid_page(tmp_path_factory):
     return made(pid(), tmp_path_factory.mktemp("pid"), duration=5.0, step=0.01)[1]
 
 
+@pytest.mark.usefixtures("ziglang")
 def test_defaults_are_gains_first_and_exposed_outputs(tmp_path):
     data, _ = made(pid(), tmp_path)
     names = [control["name"] for control in data["controls"]]
@@ -80,6 +81,7 @@ def test_defaults_are_gains_first_and_exposed_outputs(tmp_path):
     assert data["steps"] * data["tick"][0] / data["tick"][1] == 10.0
 
 
+@pytest.mark.usefixtures("ziglang")
 def test_the_step_resolves_the_fastest_mode_and_divides_sample_times(tmp_path):
     stiff = series(spring=Oscillator(stiffness=1e6))  # 1000 rad/s
     stiff.ground(stiff.spring.u)
@@ -93,6 +95,7 @@ def test_the_step_resolves_the_fastest_mode_and_divides_sample_times(tmp_path):
     assert 7e-4 / step == pytest.approx(round(7e-4 / step), rel=1e-12)
 
 
+@pytest.mark.usefixtures("ziglang")
 def test_ranges_respect_limits_and_contain_the_value(tmp_path):
     diagram = Diagram("limits")
     diagram.add(ball=Ball(), gain=Gain(0.0), negative=Gain(-2.0))
@@ -114,6 +117,7 @@ def test_ranges_respect_limits_and_contain_the_value(tmp_path):
     }
 
 
+@pytest.mark.usefixtures("ziglang")
 def test_signals_of_one_unit_share_a_chart_and_arrays_have_their_own(tmp_path):
     diagram = Diagram("charts")
     _, _, _, many = diagram.add(
@@ -128,6 +132,7 @@ def test_signals_of_one_unit_share_a_chart_and_arrays_have_their_own(tmp_path):
     assert found == [("", 1), ("m", 2), ("", 9)]
 
 
+@pytest.mark.usefixtures("ziglang")
 def test_pages_of_sampled_blocks_are_small(tmp_path):
     diagram = series(law=Gain(2.0).sampled(1e-3), state=Integrator())
     diagram.ground(diagram.law.u)

@@ -138,8 +138,8 @@ def test_the_plant_with_its_kernels(tmp_path):
 
 
 @pytest.mark.parametrize("optimized", ["-O3", campaign.only("-O0")])
+@pytest.mark.usefixtures("ziglang")
 def test_no_warnings_from_clang(optimized, systems, tmp_path):
-    pytest.importorskip("ziglang")
     for i, item in enumerate((systems.hybrid(), systems.Rotor())):
         source = export(item, tmp_path / f"c{i}.c", kind="c")
         object_file = str(source.with_suffix(".o"))

@@ -157,9 +157,8 @@ def test_unwritable_output_is_found_before_anything_runs(tmp_path, capsys):
     assert "cannot write to the output folder" in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "ziglang")
 def test_a_live_page_has_the_loop_and_the_scene(tmp_path):
-    pytest.importorskip("ziglang")
     words = ["--duration", "0.2", "--output", str(tmp_path)]
     assert main(["--live", *words]) == 0
     live = (tmp_path / "live.html").read_text(encoding="utf-8")
