@@ -38,7 +38,7 @@ def loops(session):
 
 
 def test_the_controller_is_that_of_the_runs(session):
-    flown = flight_simulator(backend="interpreted").prepared.plan
+    flown = flight_simulator(backend="numpy").prepared.plan
     own = session.prepared.plan
     values = flown.p.named(flown.parameters(None))
     assert values["controller.monitor.dispensable"].tolist() == [1.0, 1.0, 1.0, 0.0]
