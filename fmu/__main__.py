@@ -18,7 +18,7 @@ from trussflow.command_arguments import (
 )
 from trussflow.fmu.exporting.description.export_interface import DEFAULT_TOLERANCE
 from trussflow.fmu.exporting.description.model_description import FMI_VERSIONS
-from trussflow.fmu.exporting.export import EXPORT_KINDS, export
+from trussflow.fmu.exporting.export import SOLVERS, export
 from trussflow.fmu.importing.block import Fmu
 
 PROGRAM_NAME = "python -m trussflow.fmu"
@@ -47,11 +47,14 @@ def parser(prog: str = PROGRAM_NAME) -> argparse.ArgumentParser:
         help="module:name or file.py:name of a block, or of a function that returns one",
     )
     exporting.add_argument("path", type=Path, help="file to write")
-    exporting.add_argument("--kind", choices=EXPORT_KINDS, default="native")
+    exporting.add_argument("--kind", choices=SOLVERS, default="native")
+    exporting.add_argument(
+        "--solver", choices=SOLVERS["python"], default="rk4", help="of co-simulation"
+    )
     exporting.add_argument(
         "--version", choices=FMI_VERSIONS, default="2.0", help="version of FMI"
     )
-    exporting.add_argument("--step", type=float, default=1e-3, help="internal step [s]")
+    exporting.add_argument("--step", type=float, default=1e-3, help="fixed step [s]")
     exporting.add_argument(
         "--stop-time", type=float, default=10.0, help="default stop time [s]"
     )

@@ -237,7 +237,7 @@ FAULTS = (
           "why ? TF_ERROR : TF_DISCARD", "TF_ERROR"),
     Fault("fmu/exporting/native/fmi3.c", "tests/fmu/exporting/native/test_states.py",
           "a discarded step of FMI 3 is not rolled back",
-          "tf_step(c, time, step, 1)", "tf_step(c, time, step, 0)"),
+          "tf_communication_step(c, time, step, 1)", "tf_communication_step(c, time, step, 0)"),
     Fault("fmu/exporting/python/instance.py", "tests/fmu/exporting/python/test_states.py",
           "inputs that no step has used are lost from saved states",
           "            self._apply()\n            snapshot", "            snapshot"),

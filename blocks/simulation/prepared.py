@@ -185,12 +185,9 @@ class Prepared:
         # The derivatives of Python blocks are not in the traced program.
         if self.solver.solver not in IMPLICIT or self.python.continuous:
             return None
-        if self.solver.backend == "numpy" or not self.plan.x.size:
+        if self.solver.backend == "numpy":
             return None
-        derivative = self._programs[0]
-        if any(c.kernel.source and not c.kernel.near for c in derivative.calls):
-            return None
-        return SparseJacobian(derivative)
+        return SparseJacobian.of(self._programs[0])
 
     @functools.cached_property
     def traced(self) -> Executor:

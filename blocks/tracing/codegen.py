@@ -48,14 +48,11 @@ _STATIC = "static __attribute__((noinline)) "
 _HIDDEN = '__attribute__((visibility("hidden"))) '
 """Specifier of the declaration of a piece in another file; it hides the symbol from other libraries."""
 
-FIXED_STEP_FILES = ("fixed_step.h", "events.h", "driver.c")
-"""C code after the programs, with fixed steps."""
+FIXED_STEP_FILES = ("fixed_step.h", "events.h")
+"""C code of fixed steps, after the programs of a simulation."""
 
-VARIABLE_FILES = (
-    *("fixed_step.h", "variable_step.h", "events.h"),
-    *("variable_span.h", "driver.c"),
-)
-"""C code after the programs, also with variable steps."""
+VARIABLE_FILES = ("fixed_step.h", "variable_step.h", "events.h", "variable_span.h")
+"""C code of fixed and variable steps."""
 
 MIN_FILE_SIZE = 100_000
 """Size of the C code [characters] above which it is split into several files of about this size."""
@@ -115,6 +112,7 @@ def c_sources(
         *functions,
         *([definitions(jacobian)] if variable else []),
         *map(c_file, VARIABLE_FILES if variable else FIXED_STEP_FILES),
+        c_file("driver.c"),
     ]
     others = [
         [vectors, *(piece for _, piece in group)]

@@ -28,6 +28,15 @@ class SparseJacobian:
 
     derivative: Program
 
+    @classmethod
+    def of(cls, derivative: Program) -> SparseJacobian | None:
+        """Return the Jacobian of a program; None without states, or with code that has no derivative."""
+        if not derivative.size or any(
+            call.kernel.source and not call.kernel.near for call in derivative.calls
+        ):
+            return None
+        return cls(derivative)
+
     @cached_property
     def size(self) -> int:
         """Number of states n [-]."""

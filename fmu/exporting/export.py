@@ -25,7 +25,12 @@ from trussflow.fmu.exporting.packing import check_writable, write, written
 from trussflow.fmu.exporting.plain_c.plain_files import plain_files
 from trussflow.fmu.exporting.python.python_files import python_files
 
-EXPORT_KINDS = ("native", "python", "c")
+SOLVERS = {
+    "native": ("rk4", *METHODS),
+    "python": (*FIXED_STEP, *METHODS),
+    "c": ("rk4",),
+}
+"""Solvers by kind of export."""
 
 ABOUT_ATTRIBUTES = (
     "author",
@@ -58,10 +63,10 @@ def export(
     """Write a block or diagram as an FMU or as plain C.
 
     A native FMU offers model exchange and co-simulation and needs no Python on the target. Its
-    co-simulation uses fixed steps of the classical Runge-Kutta method. In model exchange, sample
-    instants and jumps of signals are time events, and events of blocks have event indicators. A
-    kink of a signal that is not an event is left to the importer's step size control. In
-    co-simulation, events are located inside a step; an FMI 3 importer that allows early return
+    co-simulation uses fixed steps of the classical Runge-Kutta method, or variable steps. In model
+    exchange, sample instants and jumps of signals are time events, and events of blocks have event
+    indicators. A kink of a signal that is not an event is left to the importer's step size control.
+    In co-simulation, events are located inside a step; an FMI 3 importer that allows early return
     gets control there.
 
     A Python FMU offers co-simulation. It may contain Python blocks, but no imported FMUs. It
@@ -90,7 +95,7 @@ def export(
     arrays : bool
         Whether FMI 3.0 uses array variables; else one variable per scalar, as OMSimulator needs.
     step : float
-        Step size of the internal solver [s]; sample times must be multiples of it.
+        Fixed step of the solver [s]; sample times must be multiples of it.
     stop_time, tolerance : float
         Stop time [s] and relative tolerance [-] of the default experiment.
     parameters : mapping, optional
@@ -104,7 +109,9 @@ def export(
         ``"all"``; by default this platform. Other platforms need the package ziglang. An empty
         tuple exports the sources only. A Python FMU always has the binaries of pythonfmu.
     solver : str
-        Solver inside a Python FMU, as for `Session`.
+        Solver of co-simulation, as for `Session`; plain C has rk4 only. Variable steps have the
+        relative tolerance of the importer, otherwise `tolerance`, and a hundredth of it as absolute
+        tolerance. They start anew in each communication step.
     about : mapping of str to str, optional
         Attributes of the model description: author, copyright, description, generationDateAndTime,
         license, version. The default description is the first line of the block's docstring.
@@ -121,13 +128,9 @@ def export(
     DiagramError
         If the diagram cannot be built.
     """
-    one_of("kind of FMU", kind, EXPORT_KINDS, ExportError)
+    one_of("kind of FMU", kind, tuple(SOLVERS), ExportError)
     one_of("FMI version", version, FMI_VERSIONS, ExportError)
-    one_of("solver", solver, (*FIXED_STEP, *METHODS), ExportError)
-    if kind != "python" and solver != "rk4":
-        raise ExportError(
-            f"an export of {kind=} contains the solver rk4, not {solver!r}; use kind='python'"
-        )
+    one_of(f"solver for {kind=}", solver, SOLVERS[kind], ExportError)
     if kind == "c" and (version != "2.0" or platforms is not None):
         raise ExportError(
             "plain C has no FMI version and is compiled by the user; leave out version and platforms"
@@ -147,6 +150,7 @@ def export(
         tolerance=tolerance,
         parameters=parameters,
         start=start,
+        solver=solver,
     )
     for name, text in (about := by_name("about", about)).items():
         one_of("attribute of an FMU", name, ABOUT_ATTRIBUTES, ExportError)
@@ -164,7 +168,7 @@ def export(
         return target
     try:
         if kind == "python":
-            files = python_files(item, interface, version, solver)
+            files = python_files(item, interface, version)
         else:
             files = native_files(interface, version, platforms)
     except (CompilationError, OSError) as error:

@@ -71,6 +71,8 @@ class ExportInterface:
         Step size of fixed-step solvers [s], stop time [s] and tolerance [-] of the default experiment.
     token : str
         Hash of the equations and the interface, 32 hexadecimal digits.
+    solver : str
+        Solver inside a co-simulation.
     about : mapping of str to str
         Further attributes of the model description, such as the author.
 
@@ -97,6 +99,7 @@ class ExportInterface:
     step: float
     stop_time: float
     tolerance: float
+    solver: str
     token: str
     about: Mapping[str, str] = field(default_factory=dict)
 
@@ -110,6 +113,7 @@ class ExportInterface:
         tolerance: float = DEFAULT_TOLERANCE,
         parameters: Mapping[str, Any] | None = None,
         start: Mapping[str, Any] | None = None,
+        solver: str = "rk4",
     ) -> ExportInterface:
         """Return the interface of a block or diagram.
 
@@ -123,6 +127,8 @@ class ExportInterface:
             Stop time [s] and relative tolerance [-] of the default experiment.
         parameters, start : mapping, optional
             Values of parameters by name, and start values of inputs by name [units as declared].
+        solver : str
+            Solver inside a co-simulation.
 
         Raises
         ------
@@ -166,7 +172,7 @@ class ExportInterface:
         _check_start(plan, programs, shown, x, d, p)
         # Equal items give equal tokens, so an export can be reproduced bit by bit.
         made_from = [
-            repr((item.name, step, stop_time, tolerance)),
+            repr((item.name, step, stop_time, tolerance, solver)),
             *(program.code for program in traced),
             *(repr((v.name, v.shape, v.units, v.meaning, v.start)) for v in shown),
         ]
@@ -187,6 +193,7 @@ class ExportInterface:
             step=float(step),
             stop_time=float(stop_time),
             tolerance=float(tolerance),
+            solver=solver,
             token=hashlib.sha256("\0".join(made_from).encode()).hexdigest()[:32],
         )
 

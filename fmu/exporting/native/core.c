@@ -33,6 +33,9 @@ static tf_status tf_reset(tf_instance* c) {
   memcpy(s->x, tf_x_start, TF_X * sizeof(double));
   memcpy(s->d, tf_d_start, TF_D * sizeof(double));
   memcpy(s->p, tf_p_start, TF_P * sizeof(double));
+#ifdef TF_VARIABLE
+  s->control = (tf_control){.rtol = TF_TOLERANCE, .method = TF_METHOD, .automatic = TF_AUTOMATIC, .max_steps = 1};
+#endif
   c->next_event = INFINITY;
   c->handled = -INFINITY;
   tf_touch(c);
@@ -63,7 +66,17 @@ static void tf_free(tf_instance* c) {
   free(c);
 }
 
-static tf_status tf_start(tf_instance* c, double start, int has_stop, double stop) {
+static tf_status tf_start(tf_instance* c, int has_tolerance, double tolerance, double start, int has_stop,
+                          double stop) {
+#ifdef TF_VARIABLE
+  if (has_tolerance) {
+    if (!(tolerance >= TF_LEAST_TOLERANCE && tolerance < 1))
+      return tf_refuse(c, TF_ERROR, "a tolerance of %g is not from %g to below 1", tolerance, TF_LEAST_TOLERANCE);
+    c->s.control.rtol = tolerance;
+  }
+#else
+  (void)has_tolerance, (void)tolerance;
+#endif
   if (!isfinite(start) || (has_stop && !(stop >= start)))
     return tf_refuse(c, TF_ERROR, "cannot start at %g and stop at %g", start, stop);
   c->s.start = c->s.time = c->s.last_good = start;
@@ -260,7 +273,7 @@ static tf_status tf_enter_continuous(tf_instance* c) {
 
 /* -- steps --------------------------------------------------------------------------------- */
 
-static tf_status tf_step(tf_instance* c, double time, double step, int all_or_nothing) {
+static tf_status tf_communication_step(tf_instance* c, double time, double step, int all_or_nothing) {
   if (!(step > 0) || !isfinite(step))
     return tf_refuse(c, TF_ERROR, "a step of %g is not positive and finite", step);
   if (!(fabs(time - c->s.time) <= 100 * tf_same(time)))

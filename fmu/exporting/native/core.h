@@ -54,6 +54,9 @@ typedef struct {
   long long tick; /* last grid point reached */
   double time, start, stop, last_good;
   double x[TF_X + 1], d[TF_D + 1], p[TF_P + 1];
+#ifdef TF_VARIABLE
+  tf_control control;
+#endif
 } tf_state;
 
 typedef struct {
@@ -67,6 +70,9 @@ typedef struct {
   double next_event, handled; /* handled: last time of event handling in model exchange */
   double dx[TF_X + 1], y[TF_Y + 1], d_instant[TF_D + 1], scratch[TF_X + TF_D + 1];
   tf_stepper stepper;
+#ifdef TF_VARIABLE
+  tf_variable variable;
+#endif
   double* linear; /* work space of derivatives, allocated on first use */
 } tf_instance;
 

@@ -15,7 +15,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String token,
 FUNCTION(SetupExperiment,
          (fmi2Component instance, fmi2Boolean has_tolerance, fmi2Real tolerance, fmi2Real start,
           fmi2Boolean has_stop, fmi2Real stop),
-         TF_INSTANTIATED, tf_start(c, start, has_stop, stop))
+         TF_INSTANTIATED, tf_start(c, has_tolerance, tolerance, start, has_stop, stop))
 FUNCTION(EnterInitializationMode, (fmi2Component instance), TF_INSTANTIATED,
          tf_enter(c, TF_INITIALIZATION))
 
@@ -97,7 +97,7 @@ FUNCTION(NewDiscreteStates, (fmi2Component instance, fmi2EventInfo* info), TF_EV
 /* -- co-simulation -------------------------------------------------------------------------- */
 
 static tf_status tf_do_step(tf_instance* c, double time, double step) {
-  tf_status status = tf_step(c, time, step, 0);
+  tf_status status = tf_communication_step(c, time, step, 0);
   if (c->s.ended && status == TF_OK) status = TF_DISCARD;
   /* FMI 2: after a discarded step only status queries, a saved state, a reset or the end are allowed. */
   if (status == TF_DISCARD) c->s.phase = TF_FAILED;

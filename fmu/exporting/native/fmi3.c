@@ -21,15 +21,16 @@ fmi3Instance fmi3InstantiateCoSimulation(
   return c;
 }
 
-static tf_status tf_enter_initialization(tf_instance* c, double start, int has_stop, double stop) {
-  tf_status status = tf_start(c, start, has_stop, stop);
+static tf_status tf_enter_initialization(tf_instance* c, int has_tolerance, double tolerance, double start,
+                                         int has_stop, double stop) {
+  tf_status status = tf_start(c, has_tolerance, tolerance, start, has_stop, stop);
   return status == TF_OK ? tf_enter(c, TF_INITIALIZATION) : status;
 }
 
 FUNCTION(EnterInitializationMode,
          (fmi3Instance instance, fmi3Boolean has_tolerance, fmi3Float64 tolerance,
           fmi3Float64 start, fmi3Boolean has_stop, fmi3Float64 stop),
-         TF_INSTANTIATED, tf_enter_initialization(c, start, has_stop, stop))
+         TF_INSTANTIATED, tf_enter_initialization(c, has_tolerance, tolerance, start, has_stop, stop))
 
 /* -- variables ------------------------------------------------------------------------------ */
 
@@ -149,7 +150,7 @@ FUNCTION(GetNumberOfContinuousStates, (fmi3Instance instance, size_t* n), TF_ANY
 static tf_status tf_do_step(tf_instance* c, double time, double step, fmi3Boolean* terminate,
                             fmi3Boolean* early, fmi3Float64* last_good) {
   /* A discarded call must not change the instance: FMI 3.0, section 2.2.3. */
-  tf_status status = tf_step(c, time, step, 1);
+  tf_status status = tf_communication_step(c, time, step, 1);
   *terminate = c->s.ended;
   *last_good = c->s.last_good;
   /* Without consent to early returns, only *terminate tells that the step is incomplete. */

@@ -11,7 +11,7 @@ typedef struct {
 } tf_tape;
 
 /* Run a tape at z: compute the value v and the partial derivatives pa, pb of each operation. */
-static void tf_linearize(const tf_tape* tape, unsigned length, const double* z, double* v,
+static void tf_run_tape(const tf_tape* tape, unsigned length, const double* z, double* v,
                          double* pa, double* pb) {
   for (unsigned i = 0; i < length; ++i) {
     unsigned ia = tape->a[i];
@@ -138,13 +138,13 @@ static tf_status tf_prepare(tf_instance* c, int outputs) {
   memcpy(z + TF_Z_D, c->s.d, TF_D * sizeof(double));
   memcpy(z + TF_Z_P, c->s.p, TF_P * sizeof(double));
   if (initial) {
-    tf_linearize(&tf_starting, TF_TAPE0, z, v0, v0 + TF_TAPE0, v0 + 2 * (size_t)TF_TAPE0);
+    tf_run_tape(&tf_starting, TF_TAPE0, z, v0, v0 + TF_TAPE0, v0 + 2 * (size_t)TF_TAPE0);
     tf_initialize(c);
     memcpy(z + TF_Z_X, c->s.x, TF_X * sizeof(double));
   }
   memcpy(z + TF_Z_D, tf_d(c), TF_D * sizeof(double));
   tf_keep(&m, z[0], c->s.x, z + TF_Z_D, c->s.p); /* the tape needs the solution of the loops as start values */
-  tf_linearize(&tf_running, length, z, v, v + TF_TAPE, v + 2 * (size_t)TF_TAPE);
+  tf_run_tape(&tf_running, length, z, v, v + TF_TAPE, v + 2 * (size_t)TF_TAPE);
   c->linear_known = 1 + outputs;
   return TF_OK;
 }

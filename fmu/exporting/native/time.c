@@ -105,7 +105,8 @@ static tf_status tf_event_fault(tf_instance* c, int fault, double t) {
       "an event indicator is not a number",
       "events without end: a time event that does not move on, modes that call each other "
       "back, or events that follow each other ever faster",
-      "an algebraic loop cannot be solved", "", "", "a delay has no room for more points: export it with more"};
+      "an algebraic loop cannot be solved", "no step is small enough for the tolerance", "",
+      "a delay has no room for more points: export it with more"};
   return tf_refuse(c, TF_DISCARD, "%s at time %.9g", why[fault], t);
 }
 
@@ -149,14 +150,51 @@ static tf_status tf_enter_event(tf_instance* c) {
   return TF_OK;
 }
 
+/* Integrate without ticks from *at to `end`, h later; *at is the time reached. Stop at the first event if `once`. */
+static int tf_integrate(tf_instance* c, double* at, double end, double h, int once) {
+  const tf_model m = TF_MODEL_OF(TF_OWN, tf_kinds, TF_SIDES);
+#ifdef TF_VARIABLE
+  /* The solver starts anew in each call, so that results depend on the saved state only. */
+  tf_control* control = &c->s.control;
+  tf_variable* v = &c->variable;
+  int fault;
+  control->t = *at, control->end = end, control->begun = 0;
+  control->atol = 0.01 * control->rtol;
+  v->control = control, v->x = c->s.x, v->d = c->s.d, v->p = c->s.p;
+  v->derivative = m.derivative;
+#if TF_STIFF
+  v->tangent = c->programs[TF_tangent];
+#endif
+  v->last = tf_just_before(end);
+  c->stepper.steps.variable = v;
+  (void)h;
+  do {
+    fault = tf_vary_between(&m, &c->stepper, v, c->s.x, c->s.d, c->s.p, NULL, NULL, 0);
+    *at = control->t;
+  } while (fault == TF_FINE && *at < end && !(once && v->event));
+  return fault;
+#else
+  return tf_between(&m, &c->stepper, TF_RK4, at, end, h, 1, once, c->s.x, c->s.d, c->s.p);
+#endif
+}
+
+/* Return the next grid point at which a step must end: with fixed steps each one, otherwise the next tick. */
+static long long tf_next_end(const tf_instance* c) {
+#ifdef TF_VARIABLE
+  return tf_next_due(c->s.tick);
+#else
+  return c->s.tick + 1;
+#endif
+}
+
 /* Integrate to a time; if a value is not finite, the state stays at the last good step. */
 static tf_status tf_advance(tf_instance* c, double target) {
   double same = tf_same(target);
   const double h_grid = TF_STEP_NUMERATOR / TF_STEP_DENOMINATOR;
-  const tf_model m = TF_MODEL_OF(TF_OWN, tf_kinds, TF_SIDES);
   for (;;) {
     double t = c->s.partial ? c->s.time : tf_grid(c, c->s.tick);
-    double next = tf_grid(c, c->s.tick + 1);
+    long long k = tf_next_end(c);
+    double next = k < 0 ? INFINITY : tf_grid(c, k);
     int whole = next <= target + same;
     /* After an event just before a grid point (round-off), the step must continue to that point. */
     if (target - t <= same && !(c->s.partial && whole)) break;
@@ -164,12 +202,16 @@ static tf_status tf_advance(tf_instance* c, double target) {
       return tf_refuse(c, TF_DISCARD, "a sampled value stopped being finite at time %.9g", t);
     double h = c->s.partial || !whole ? (whole ? next : target) - t : h_grid;
     double end = whole ? next : target, at = t;
+#ifdef TF_VARIABLE
+    for (int i = 0; i < TF_BREAKS; ++i)
+      if (tf_breaks[i] > t && tf_breaks[i] < end) end = tf_breaks[i], whole = 0;
+#endif
     int early = c->may_return_early && target - t > same;
-    int fault = tf_between(&m, &c->stepper, TF_RK4, &at, end, h, 1, early, c->s.x, c->s.d, c->s.p);
+    int fault = tf_integrate(c, &at, end, h, early);
     tf_touch(c);
     if (at > t) {
       whole = whole && at == end;
-      c->s.tick += whole;
+      if (whole) c->s.tick = k;
       c->s.partial = !whole;
       if (whole) c->s.sampled = 0;
       c->s.last_good = c->s.time = at;

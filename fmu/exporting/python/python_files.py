@@ -55,7 +55,7 @@ Files = dict[str, bytes]
 
 
 def python_files(
-    item: Block, interface: ExportInterface, version: str = "2.0", solver: str = "rk4"
+    item: Block, interface: ExportInterface, version: str = "2.0"
 ) -> Files:
     """Return the files of an FMI 2.0 co-simulation FMU that needs Python on the target.
 
@@ -72,8 +72,6 @@ def python_files(
         Its interface.
     version : str
         Version of FMI; only ``"2.0"`` is supported.
-    solver : str
-        Solver, as for `Session`; its step size is that of the interface.
 
     Raises
     ------
@@ -84,7 +82,7 @@ def python_files(
         raise ExportError(
             f"an FMU of kind 'python' has version 2.0 of FMI, not {version!r}"
         )
-    pickle = pickled(item, _facts(interface, solver))
+    pickle = pickled(item, _facts(interface))
     try:
         saves, serializes = _self_test(pickle.data)
     except TrussflowError:
@@ -125,13 +123,13 @@ def python_files(
     return files
 
 
-def _facts(interface: ExportInterface, solver: str) -> dict[str, Any]:
+def _facts(interface: ExportInterface) -> dict[str, Any]:
     """Return the settings that the FMU needs to run, and the facts of each scalar variable."""
     shown = [*interface.variables.scalarized()]
     inputs = np.array([v.causality == "input" for v in shown])
     return {
         "identity": {"FMU": interface.token},
-        "settings": {"step": interface.step, "solver": solver},
+        "settings": {"step": interface.step, "solver": interface.solver},
         "names": [v.name for v in shown],
         "values": np.array([0.0 if v.start is None else v.start[0] for v in shown]),
         "early": inputs | np.array([v.initial == "exact" for v in shown]),

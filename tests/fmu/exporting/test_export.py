@@ -64,7 +64,7 @@ def python_diagram():
             Integrator,
             "x.fmu",
             {"solver": "euler"},
-            "kind='native' contains the solver rk4, not 'euler'",
+            "unknown solver for kind='native' 'euler'; choose from: rk4, RK45",
         ),
         (python_diagram, "x.fmu", {}, r"'double' \(PythonFunction\) runs Python code"),
         (

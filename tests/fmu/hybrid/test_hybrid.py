@@ -50,12 +50,12 @@ def test_simulated_by_other_solvers(case, solver):
     case.run(solver)
 
 
-def exported_case(case, version, exported):
-    return exported(case.build(), version, case.name, step=TIME_STEP)
+def exported_case(case, version, exported, solver="rk4"):
+    name = f"{case.name} {solver}"
+    return exported(case.build(), version, name, step=TIME_STEP, solver=solver)
 
 
-def check_native(case, version, exported):
-    path = exported_case(case, version, exported)
+def check_native(case, path):
     importer = series("co-simulation", fmu=Fmu(path, kind="cs", step=0.1))
     case.run("rk4", importer, step=0.1)
     importer = series(fmu=Fmu(path, kind="me"))
@@ -65,11 +65,11 @@ def check_native(case, version, exported):
 
 def test_native_fmus(case, exported):
     """For co-simulation, and for model exchange with a fixed step and with an adaptive one."""
-    check_native(case, "3.0", exported)
+    check_native(case, exported_case(case, "3.0", exported))
 
 
-def test_native_fmus_of_fmi_2(case, exported):
-    check_native(case, "2.0", exported)
+def test_native_fmus_with_variable_steps(case, exported):
+    check_native(case, exported_case(case, "2.0", exported, solver="auto"))
 
 
 @pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
