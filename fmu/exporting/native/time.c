@@ -196,8 +196,9 @@ static tf_status tf_advance(tf_instance* c, double target) {
     long long k = tf_next_end(c);
     double next = k < 0 ? INFINITY : tf_grid(c, k);
     int whole = next <= target + same;
-    /* After an event just before a grid point (round-off), the step must continue to that point. */
-    if (target - t <= same && !(c->s.partial && whole)) break;
+    /* After an event just before a grid point (round-off), the step must continue to that point. At a grid point
+       it must not begin for round-off only, which would make ticks final. */
+    if (c->s.partial ? t >= target && !whole : target - t <= same) break;
     if (!c->s.partial && !tf_commit(c))
       return tf_refuse(c, TF_DISCARD, "a sampled value stopped being finite at time %.9g", t);
     double h = c->s.partial || !whole ? (whole ? next : target) - t : h_grid;

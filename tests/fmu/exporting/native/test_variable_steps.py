@@ -60,6 +60,15 @@ def test_events_are_located(solver, version, exported, instance):
         assert_near(one.get("height"), ball_height(0.1 * (k + 1))[0], 1e-9)
 
 
+@pytest.mark.parametrize("solver", ["rk4", "DOP853"])
+@pytest.mark.parametrize("length", [1e-7, 1e-11])
+def test_short_communication_steps_add_up(solver, length, exported, instance):
+    """Also those that are shorter than the round-off of times that the importer may have."""
+    one = instance(exported(Pole(), "2.0", f"pole {solver}", solver=solver)).start()
+    one.step(0, 1000, length)
+    assert one.get("y") - 1.0 == pytest.approx(1000 * length, rel=0.02)
+
+
 def test_jumps_and_samples_end_steps(exported, instance, systems):
     """One communication step: a unit step at 0.55 s, and controllers sampled every 20 and 50 ms."""
     diagram = Diagram("both")
