@@ -294,7 +294,14 @@ static tf_status tf_communication_step(tf_instance* c, double time, double step,
 
 /* -- saved states -------------------------------------------------------------------------- */
 
-#define TF_SERIALIZED (sizeof(TF_TOKEN) + sizeof(tf_state))
+#define TF_SERIALIZED (sizeof(TF_TOKEN) + sizeof(tf_state) + sizeof(unsigned long long))
+
+/* Checksum (FNV-1a): damaged numbers of points or methods would be indices outside of arrays. */
+static unsigned long long tf_checksum(const void* saved) {
+  unsigned long long sum = 14695981039346656037ull;
+  for (size_t i = 0; i < sizeof(tf_state); ++i) sum = (sum ^ ((const unsigned char*)saved)[i]) * 1099511628211ull;
+  return sum;
+}
 
 static tf_status tf_save(tf_instance* c, void** saved) {
   /* FMI: a null pointer requests a new state; else the given state is overwritten. */
@@ -328,12 +335,17 @@ static tf_status tf_pack(tf_instance* c, const void* saved, unsigned char* bytes
   /* The token makes another export of the model refuse the bytes. */
   memcpy(bytes, TF_TOKEN, sizeof TF_TOKEN);
   memcpy(bytes + sizeof TF_TOKEN, saved, sizeof(tf_state));
+  unsigned long long sum = tf_checksum(saved);
+  memcpy(bytes + sizeof TF_TOKEN + sizeof(tf_state), &sum, sizeof sum);
   return TF_OK;
 }
 
 static tf_status tf_unpack(tf_instance* c, const unsigned char* bytes, size_t size, void** saved) {
   if (size != TF_SERIALIZED || memcmp(bytes, TF_TOKEN, sizeof TF_TOKEN))
     return tf_refuse(c, TF_ERROR, "these bytes are no saved state of this FMU");
+  unsigned long long sum = tf_checksum(bytes + sizeof TF_TOKEN);
+  if (memcmp(bytes + sizeof TF_TOKEN + sizeof(tf_state), &sum, sizeof sum))
+    return tf_refuse(c, TF_ERROR, "the saved state is damaged");
   tf_status status = tf_save(c, saved); /* allocates *saved */
   if (status == TF_OK) memcpy(*saved, bytes + sizeof TF_TOKEN, sizeof(tf_state));
   return status;

@@ -47,6 +47,16 @@ def test_bytes_of_another_fmu_are_refused(version, exported, instance, systems):
     assert "no saved state of this FMU" in two.errors
 
 
+@pytest.mark.parametrize("byte", [100, -1])
+def test_damaged_bytes_are_refused(byte, exported, instance, systems):
+    one = instance(exported(systems.hybrid(), "2.0")).start()
+    content = bytearray(one.serializeFMUState(one.getFMUState()))
+    content[byte] ^= 1
+    with pytest.raises(FMICallException, match="error"):
+        one.deserializeFMUState(bytes(content))
+    assert "damaged" in one.errors
+
+
 def test_after_a_failed_step_of_fmi_2_only_a_saved_state_helps(exported, instance):
     one = instance(exported(Diverging(), "2.0")).start()
     one.doStep(0.0, 0.1)
