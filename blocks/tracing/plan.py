@@ -59,6 +59,8 @@ class Plan:
     step : float
         Length of the steps of runs [s], infinite if it is not fixed; zero if there are no runs, so that
         histories have no points.
+    variable : bool
+        Whether runs may also have steps of other lengths.
 
     Attributes
     ----------
@@ -89,7 +91,9 @@ class Plan:
         If the equations of a block cannot be traced.
     """
 
-    def __init__(self, diagram: Diagram | System, step: float = 0.0) -> None:
+    def __init__(
+        self, diagram: Diagram | System, step: float = 0.0, variable: bool = False
+    ) -> None:
         self.system = diagram if isinstance(diagram, System) else flatten(diagram)
         self.name = self.system.root.name
         blocks = self.system.blocks
@@ -148,7 +152,7 @@ class Plan:
         self.python_blocks = [
             b for b in blocks.values() if not b.traced and not isinstance(b, External)
         ]
-        self._empty = _empty_histories(blocks, step)
+        self._empty = _empty_histories(blocks, step, variable or math.isinf(step))
         self._orders: dict[tuple[Active, bool], list[Stage]] = {}
         self.stored = self.x, self.modes, self.memory
         self.sampled = slice(self.memory.span.start, self.held.span.stop)
@@ -400,9 +404,9 @@ class Plan:
 
 
 def _empty_histories(
-    blocks: Mapping[str, Block], step: float
+    blocks: Mapping[str, Block], step: float, variable: bool
 ) -> dict[tuple[str, str], Vector]:
-    """Return the histories of `blocks` by path and name, without points; for `step` [s] see `Plan`."""
+    """Return the histories of `blocks` by path and name, without points; for `step` [s] and `variable` see `Plan`."""
     declared = {
         (path, name): (block, each)
         for path, block in blocks.items()
@@ -416,7 +420,7 @@ def _empty_histories(
         longest = getattr(block, each.longest)
         # Signals may jump at each step, and events divide steps.
         room = 4 * math.ceil(longest / finest) + 20
-        if math.isinf(step):
+        if variable:
             room = max(room, VARIABLE_ROOM)
         room = block.points or room
         if step and room > MAX_ROOM:

@@ -109,9 +109,9 @@ def export(
         ``"all"``; by default this platform. Other platforms need the package ziglang. An empty
         tuple exports the sources only. A Python FMU always has the binaries of pythonfmu.
     solver : str
-        Solver of co-simulation, as for `Session`; plain C has rk4 only. Variable steps have the
-        relative tolerance of the importer, otherwise `tolerance`, and a hundredth of it as absolute
-        tolerance. They start anew in each communication step.
+        Solver of co-simulation, as for `Session`; plain C has rk4 only. Variable steps of native
+        FMUs have the relative tolerance of the importer, otherwise `tolerance`, and a hundredth of
+        it as absolute tolerance. They start anew in each communication step.
     about : mapping of str to str, optional
         Attributes of the model description: author, copyright, description, generationDateAndTime,
         license, version. The default description is the first line of the block's docstring.
@@ -130,7 +130,7 @@ def export(
     """
     one_of("kind of FMU", kind, tuple(SOLVERS), ExportError)
     one_of("FMI version", version, FMI_VERSIONS, ExportError)
-    one_of(f"solver for {kind=}", solver, SOLVERS[kind], ExportError)
+    one_of(f"solver for {kind=}:", solver, SOLVERS[kind], ExportError)
     if kind == "c" and (version != "2.0" or platforms is not None):
         raise ExportError(
             "plain C has no FMI version and is compiled by the user; leave out version and platforms"

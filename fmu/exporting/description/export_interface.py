@@ -16,6 +16,7 @@ from trussflow.blocks.framework.clock import exact
 from trussflow.blocks.framework.diagram import Diagram
 from trussflow.blocks.framework.system import flatten, resolved
 from trussflow.blocks.simulation.schedule import Schedule
+from trussflow.blocks.simulation.solver import FIXED_STEP
 from trussflow.blocks.support.types import Vector
 from trussflow.blocks.support.validation import by_name, one_of, positive
 from trussflow.blocks.tracing.initialization import InitialCycleError, initialization
@@ -69,20 +70,21 @@ class ExportInterface:
         indicators and on_event; with algebraic loops also guesses, with histories also stored.
     step, stop_time, tolerance : float
         Step size of fixed-step solvers [s], stop time [s] and tolerance [-] of the default experiment.
+    solver : str
+        Solver of co-simulation.
     token : str
         Hash of the equations and the interface, 32 hexadecimal digits.
-    solver : str
-        Solver inside a co-simulation.
     about : mapping of str to str
         Further attributes of the model description, such as the author.
 
     Notes
     -----
-    Time grid of all kinds of export: step k ends at ``start + k step``, for any communication
-    points. Inputs are held during a step. Sample instants count from the start of the run. Blocks
-    that tick at the current instant are computed from the inputs set so far. Outputs read now show
-    the result, which becomes final when time advances. The importer may set a state whose `initial`
-    is ``"exact"``; other states follow from parameters and inputs at the end of initialization.
+    Time grid of all kinds of export: fixed step k ends at ``start + k step``, for any communication
+    points; with variable steps, only ticks are on the grid. Inputs are held during a step. Sample
+    instants count from the start of the run. Blocks that tick at the current instant are computed
+    from the inputs set so far. Outputs read now show the result, which becomes final when time
+    advances. The importer may set a state whose `initial` is ``"exact"``; other states follow from
+    parameters and inputs at the end of initialization.
     """
 
     name: str
@@ -122,13 +124,13 @@ class ExportInterface:
         item : Block
             A block, whose ports become variables, or a diagram, whose exposed ports become variables.
         step : float
-            Step size of the internal solver [s]; sample times must be multiples of it.
+            Fixed step of the solver [s]; sample times must be multiples of it.
         stop_time, tolerance : float
             Stop time [s] and relative tolerance [-] of the default experiment.
         parameters, start : mapping, optional
             Values of parameters by name, and start values of inputs by name [units as declared].
         solver : str
-            Solver inside a co-simulation.
+            Solver of co-simulation.
 
         Raises
         ------
@@ -141,7 +143,7 @@ class ExportInterface:
             If the equations of a block cannot be traced.
         """
         _check(item, step=step, stop_time=stop_time, tolerance=tolerance)
-        plan = Plan(flatten(item, external=True), step)
+        plan = Plan(flatten(item, external=True), step, solver not in FIXED_STEP)
         _check_initialization(item, plan)
         ports = [resolved(port) for port in item.outputs()]
         try:

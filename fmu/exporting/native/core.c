@@ -69,7 +69,7 @@ static void tf_free(tf_instance* c) {
 static tf_status tf_start(tf_instance* c, int has_tolerance, double tolerance, double start, int has_stop,
                           double stop) {
 #ifdef TF_VARIABLE
-  if (has_tolerance) {
+  if (has_tolerance && !c->s.model_exchange) {
     if (!(tolerance >= TF_LEAST_TOLERANCE && tolerance < 1))
       return tf_refuse(c, TF_ERROR, "a tolerance of %g is not from %g to below 1", tolerance, TF_LEAST_TOLERANCE);
     c->s.control.rtol = tolerance;

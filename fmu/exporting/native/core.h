@@ -11,8 +11,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define TF_NUMBER(name) TF_##name,
-enum { TF_PROGRAMS(TF_NUMBER) TF_PROGRAM_COUNT };
+#define TF_ENUM(name) TF_##name,
+enum { TF_PROGRAMS(TF_ENUM) TF_PROGRAM_COUNT };
 
 /* First value reference of each group. */
 enum {

@@ -129,7 +129,7 @@ def _variable_steps(interface: ExportInterface) -> tuple[str, list[Program]]:
     Raises
     ------
     ExportError
-        If the solver needs derivatives of equations that have none.
+        If the solver needs derivatives of equations that have none, or cannot reach the tolerance.
     """
     solver = interface.solver
     if solver in FIXED_STEP or not interface.plan.x.size:
@@ -143,6 +143,11 @@ def _variable_steps(interface: ExportInterface) -> tuple[str, list[Program]]:
                 "use solver='RK45' or 'DOP853'"
             )
     tolerance = interface.tolerance
+    if not MIN_RTOL <= tolerance < 1:
+        raise ExportError(
+            f"cannot export '{interface.name}' with solver={solver!r}: its tolerance {tolerance} must be at least "
+            f"{MIN_RTOL:.2g} (round-off) and below 1"
+        )
     control = Control.of(solver, tolerance, tolerance, 0.0)
     defined = {
         "TF_METHOD": control.method,

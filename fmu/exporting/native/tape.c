@@ -12,7 +12,7 @@ typedef struct {
 
 /* Run a tape at z: compute the value v and the partial derivatives pa, pb of each operation. */
 static void tf_run_tape(const tf_tape* tape, unsigned length, const double* z, double* v,
-                         double* pa, double* pb) {
+                        double* pa, double* pb) {
   for (unsigned i = 0; i < length; ++i) {
     unsigned ia = tape->a[i];
     double f = 0, da = 0, db = 0;

@@ -105,7 +105,8 @@ static tf_status tf_event_fault(tf_instance* c, int fault, double t) {
       "an event indicator is not a number",
       "events without end: a time event that does not move on, modes that call each other "
       "back, or events that follow each other ever faster",
-      "an algebraic loop cannot be solved", "no step is small enough for the tolerance", "",
+      "an algebraic loop cannot be solved",
+      "no step is small enough: a derivative is not finite, or the tolerance is too small", "",
       "a delay has no room for more points: export it with more"};
   return tf_refuse(c, TF_DISCARD, "%s at time %.9g", why[fault], t);
 }
@@ -206,6 +207,7 @@ static tf_status tf_advance(tf_instance* c, double target) {
 #ifdef TF_VARIABLE
     for (int i = 0; i < TF_BREAKS; ++i)
       if (tf_breaks[i] > t && tf_breaks[i] < end) end = tf_breaks[i], whole = 0;
+    h = end - t;
 #endif
     int early = c->may_return_early && target - t > same;
     int fault = tf_integrate(c, &at, end, h, early);

@@ -64,7 +64,7 @@ def python_diagram():
             Integrator,
             "x.fmu",
             {"solver": "euler"},
-            "unknown solver for kind='native' 'euler'; choose from: rk4, RK45",
+            "unknown solver for kind='native': 'euler'; choose from: rk4, RK45",
         ),
         (python_diagram, "x.fmu", {}, r"'double' \(PythonFunction\) runs Python code"),
         (
@@ -184,6 +184,11 @@ def test_command_line(tmp_path, capsys):
             "trussflow.blocks:Intergator",
             [],
             "there is no 'Intergator'; did you mean 'Integrator'?",
+        ),
+        (
+            "trussflow.blocks:Integrator",
+            ["--solver", "euler"],
+            "unknown solver for kind='native': 'euler'",
         ),
         ("trussflow.blocks:StateSpace", [], "cannot be called without arguments"),
         ("math:pi", [], "not a block; write module:name or file.py:name of a block"),

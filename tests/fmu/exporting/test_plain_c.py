@@ -276,7 +276,7 @@ def equal_names():
             lambda: Gain(1.0),
             "made.c",
             {"solver": "Rodas5P"},
-            "unknown solver for kind='c' 'Rodas5P'; choose from: rk4",
+            "unknown solver for kind='c': 'Rodas5P'; choose from: rk4",
         ),
         (lambda: Gain(1.0), "no/made.c", {}, "there is no folder"),
         (

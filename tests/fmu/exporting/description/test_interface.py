@@ -116,6 +116,7 @@ def test_token_changes_with_equations_names_and_settings(systems):
     assert ExportInterface.of(systems.Oscillator(2)).token == base
     assert ExportInterface.of(systems.Oscillator(3)).token != base
     assert ExportInterface.of(systems.Oscillator(2), step=2e-3).token != base
+    assert ExportInterface.of(systems.Oscillator(2), solver="RK45").token != base
     assert (
         ExportInterface.of(systems.Oscillator(2), parameters={"cubic": 0.6}).token
         != base

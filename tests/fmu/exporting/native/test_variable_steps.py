@@ -2,9 +2,18 @@
 
 import numpy as np
 import pytest
-from systems import Ball, assert_near, ball_height, simulate_block
+from systems import Ball, assert_near, ball_height, series, simulate_block
 
-from trussflow.blocks import Block, Diagram, Integrator, Output, State, Step
+from trussflow.blocks import (
+    Block,
+    Diagram,
+    Integrator,
+    Output,
+    Sine,
+    State,
+    Step,
+    TransportDelay,
+)
 from trussflow.blocks.control.bounded_least_squares import bounded_least_squares
 from trussflow.fmu import export
 from trussflow.fmu.errors import ExportError
@@ -60,6 +69,17 @@ def test_events_are_located(solver, version, exported, instance):
         assert_near(one.get("height"), ball_height(0.1 * (k + 1))[0], 1e-9)
 
 
+@pytest.mark.parametrize("solver", EXPLICIT + IMPLICIT)
+def test_events_return_early(solver, exported, instance):
+    path = exported(Ball(), "3.0", f"early {solver}", solver=solver, tolerance=1e-10)
+    one = instance(path, earlyReturnAllowed=True).start()
+    reached = 0.0
+    for bounce in (np.sqrt(0.2), 2.0 * np.sqrt(0.2)):
+        _, _, early, reached = one.doStep(reached, 1.0 - reached)
+        assert early
+        assert_near(reached, bounce, 1e-9)
+
+
 @pytest.mark.parametrize("solver", ["rk4", "DOP853"])
 @pytest.mark.parametrize("length", [1e-7, 1e-11])
 def test_short_communication_steps_add_up(solver, length, exported, instance):
@@ -69,7 +89,8 @@ def test_short_communication_steps_add_up(solver, length, exported, instance):
     assert one.get("y") - 1.0 == pytest.approx(1000 * length, rel=0.02)
 
 
-def test_jumps_and_samples_end_steps(exported, instance, systems):
+@pytest.mark.parametrize("begin", [0.0, -0.3])
+def test_jumps_and_samples_end_steps(begin, exported, instance, systems):
     """One communication step: a unit step at 0.55 s, and controllers sampled every 20 and 50 ms."""
     diagram = Diagram("both")
     loop, jump, integral = diagram.add(
@@ -78,24 +99,32 @@ def test_jumps_and_samples_end_steps(exported, instance, systems):
     jump.y >> integral.u
     diagram.expose(target=loop.target, position=loop.position, y=integral.y)
     settings = {"solver": "DOP853", "step": 0.01, "tolerance": 1e-10}
-    one = instance(exported(diagram, "2.0", "jumps", **settings)).start({"target": 0.7})
-    one.doStep(0.0, 1.234)
-    assert_near(one.get("y"), 1.234 - 0.55, 1e-14)
+    one = instance(exported(diagram, "2.0", "jumps", **settings)).start(
+        {"target": 0.7}, begin
+    )
+    one.doStep(begin, 1.234)
+    assert_near(one.get("y"), begin + 1.234 - 0.55, 1e-14)
     fine = instance(exported(diagram, "2.0", "fixed steps", step=1e-3))
-    fine.start({"target": 0.7}).doStep(0.0, 1.234)
+    fine.start({"target": 0.7}, begin).doStep(begin, 1.234)
     assert_near(one.get("position"), fine.get("position"), 1e-9)
 
 
 @pytest.mark.parametrize("solver", IMPLICIT)
 def test_stiff_equations(solver, exported, instance):
-    """Explicit methods would need a million steps. A saved state repeats its steps bit by bit."""
-    path = exported(Relaxation(), "2.0", f"stiff {solver}", solver=solver)
+    """The steps are those of a simulation. A saved state repeats them bit by bit, also from before the switch."""
+    path = exported(
+        Relaxation(), "2.0", f"stiff {solver}", solver=solver, tolerance=1e-8
+    )
     one = instance(path).start()
-    one.doStep(0.0, 400.0)
     saved = one.getFMUState()
+    one.doStep(0.0, 400.0)
+    settings = {"solver": solver, "rtol": 1e-8, "atol": 1e-10}
+    expected = simulate_block(Relaxation(), 400.0, {}, **settings)
+    assert_near(one.get("y"), expected["block.y"][-1], 1e-14)
     one.doStep(400.0, 500.0)
     after = one.get("x", "v")
     one.setFMUState(saved)
+    one.doStep(0.0, 400.0)
     one.doStep(400.0, 500.0)
     assert one.get("x", "v").tolist() == after.tolist()
     one.freeFMUState(saved)
@@ -119,6 +148,38 @@ def test_the_importer_chooses_the_tolerance(version, exported, instance):
         errors.append(one.get("x"))
     coarse, fine = np.abs(errors[2] - errors[0]), np.abs(errors[1] - errors[0])
     assert 100.0 * fine < coarse < 0.1
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -1.0, np.nan, 1e-30, 1.0])
+def test_tolerances_that_no_solver_reaches(
+    tolerance, version, exported, instance, tmp_path
+):
+    """They are refused, except in model exchange, which does not use them."""
+    path = exported(Relaxation(), version, "tolerance", solver="Rodas5P")
+    for kind in ("cs", "me"):
+        one = instance(path, kind)
+        begin = one.setupExperiment if one.scalar else one.enterInitializationMode
+        if kind == "me":
+            begin(tolerance=tolerance, startTime=0.0)
+            continue
+        with pytest.raises(Exception, match="status"):
+            begin(tolerance=tolerance, startTime=0.0)
+        assert "is not from 2.2" in one.errors
+    with pytest.raises(ExportError, match="tolerance"):
+        export(Pole(), tmp_path / "x.fmu", solver="RK45", tolerance=tolerance)
+
+
+def test_delays_have_room_for_variable_steps(exported, instance):
+    """Steps are shorter than the fixed ones."""
+    diagram = series(
+        source=Sine(1.0, 1.0), late=TransportDelay(1.0), integral=Integrator()
+    )
+    diagram.expose(y=diagram.integral.y)
+    one = instance(exported(diagram, solver="DOP853", step=0.1)).start()
+    one.step(0, 100, 0.0201)
+    # the integral of the sine from 0 to 1.01 s
+    expected = (1.0 - np.cos(2.02 * np.pi)) / (2.0 * np.pi)
+    assert_near(one.get("y"), expected, 1e-5)
 
 
 def test_equations_without_derivatives_are_refused(tmp_path):

@@ -219,7 +219,7 @@ def imports_the_users_module(u):
         (
             lambda: python(failing),
             {"solver": "magic"},
-            "unknown solver for kind='python' 'magic'; choose from",
+            "unknown solver for kind='python': 'magic'; choose from",
         ),
         (
             lambda: python(imports_the_users_module),
