@@ -37,7 +37,7 @@ static tf_status tf_reset(tf_instance* c) {
   s->control = (tf_control){.rtol = TF_TOLERANCE, .method = TF_METHOD, .automatic = TF_AUTOMATIC, .max_steps = 1};
 #endif
   c->next_event = INFINITY;
-  c->handled = -INFINITY;
+  s->handled = -INFINITY;
   tf_touch(c);
   return TF_OK;
 }
@@ -244,8 +244,8 @@ static tf_status tf_handle(tf_instance* c, int* jumped) {
 #if TF_EVENTS
   double t = tf_now(c), h = TF_STEP_NUMERATOR / TF_STEP_DENOMINATOR;
   const tf_model m = TF_MODEL_OF(TF_OWN, tf_kinds, TF_SIDES);
-  c->stepper.count = 0;
-  c->handled = t;
+  c->stepper.count = 0, c->stepper.last = c->s.happened;
+  c->s.handled = t;
   for (int sampled = 0; sampled < 2; ++sampled) {
     double* d = sampled ? (double*)tf_d(c) : c->s.d;
     if (sampled && !tf_pending(c)) break;
@@ -254,6 +254,7 @@ static tf_status tf_handle(tf_instance* c, int* jumped) {
     if (sampled && !happens) break; /* inputs may still change the sampled values */
     if (sampled && !tf_commit(c)) return tf_event_fault(c, TF_BAD_D, t);
     int fault = tf_settle(&m, &c->stepper, t, h, !sampled, c->s.x, c->s.d, c->s.p);
+    c->s.happened = c->stepper.last;
     if (fault != TF_FINE) return tf_event_fault(c, fault, t);
     if (happens) *jumped = TF_X > 0;
     tf_touch(c);

@@ -53,6 +53,7 @@ typedef struct {
   int ended; /* a terminal event happened: the importer must end the run */
   long long tick; /* last grid point reached */
   double time, start, stop, last_good;
+  double happened, handled; /* last times of an event, and of event handling in model exchange */
   double x[TF_X + 1], d[TF_D + 1], p[TF_P + 1];
 #ifdef TF_VARIABLE
   tf_control control;
@@ -67,7 +68,7 @@ typedef struct {
   void *environment, *logger; /* the importer's, with the types of the FMI version */
   /* the members below can be recomputed and are not saved */
   int light_known, heavy_known, rates_known, instant_known, linear_known;
-  double next_event, handled; /* handled: last time of event handling in model exchange */
+  double next_event;
   double dx[TF_X + 1], y[TF_Y + 1], d_instant[TF_D + 1], scratch[TF_X + TF_D + 1];
   tf_stepper stepper;
 #ifdef TF_VARIABLE

@@ -86,7 +86,7 @@ static void tf_state_indicators(tf_instance* c, double* indicators) {
   c->programs[TF_indicators](&t, c->s.x, d, c->s.p, c->stepper.g);
   for (int i = 0; i < TF_EVENTS; ++i)
     if (tf_kinds[i] != 2) {
-      int at_zero = (t == c->handled || c->stepper.g[i] == 0.0) && side[i] != 0.0 && fabs(side[i]) < 1.0;
+      int at_zero = (t == c->s.handled || c->stepper.g[i] == 0.0) && side[i] != 0.0 && fabs(side[i]) < 1.0;
       *indicators++ = at_zero ? side[i] * 1e-300 : c->stepper.g[i];
     }
 #else
@@ -210,7 +210,9 @@ static tf_status tf_advance(tf_instance* c, double target) {
     h = end - t;
 #endif
     int early = c->may_return_early && target - t > same;
+    c->stepper.last = c->s.happened;
     int fault = tf_integrate(c, &at, end, h, early);
+    c->s.happened = c->stepper.last;
     tf_touch(c);
     if (at > t) {
       whole = whole && at == end;
