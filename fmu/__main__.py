@@ -49,7 +49,10 @@ def parser(prog: str = PROGRAM_NAME) -> argparse.ArgumentParser:
     exporting.add_argument("path", type=Path, help="file to write")
     exporting.add_argument("--kind", choices=SOLVERS, default="native")
     exporting.add_argument(
-        "--solver", choices=SOLVERS["python"], default="rk4", help="solver of co-simulation"
+        "--solver",
+        choices=SOLVERS["python"],
+        default="rk4",
+        help="solver of co-simulation",
     )
     exporting.add_argument(
         "--version", choices=FMI_VERSIONS, default="2.0", help="version of FMI"
