@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import select
 import socket
+from math import prod
 from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from trussflow.blocks.errors import SimulationError
+from trussflow.blocks.errors import BlockError, SimulationError
 from trussflow.blocks.framework.block import Block, Values
 from trussflow.blocks.framework.declarations import Parameter, Signals
 from trussflow.blocks.framework.port import INFERRED, Input, Output
@@ -25,6 +26,9 @@ from trussflow.blocks.support.validation import as_shape
 
 MAX_PACKET_SIZE = 65_507
 """Largest size of a UDP packet [B]."""
+
+MAX_ELEMENTS = MAX_PACKET_SIZE // 8 - 1
+"""Largest number of elements in a packet, beside the time [-]."""
 
 
 class UdpSend(Shaped):
@@ -83,6 +87,11 @@ class UdpReceive(Block):
         Wall time to wait for a packet at each sample, if none has arrived since the last one [s].
     address : str
         Address of this computer at which packets arrive; ``"0.0.0.0"`` for those from other computers.
+
+    Raises
+    ------
+    BlockError
+        If the shape is invalid, or the signal does not fit into a packet.
     """
 
     traced: ClassVar[bool] = False
@@ -103,6 +112,11 @@ class UdpReceive(Block):
         address: str = "127.0.0.1",
     ) -> None:
         self.shape = as_shape("UdpReceive", shape)
+        if prod(self.shape) > MAX_ELEMENTS:
+            raise BlockError(
+                f"UdpReceive cannot have shape {self.shape}: a packet has at most {MAX_ELEMENTS:,} elements; "
+                "use several blocks"
+            )
         self.port_number, self.address, self.timeout = port, address, timeout
         super().__init__(start_value=start_value)
         self.sampled(sample_time)
