@@ -96,7 +96,7 @@ class Engine {
       const number = Math.min(Math.ceil(steps / CHUNKS), steps - k);
       k += Number(this.c.tf_advance(this.work, method, over, under, BigInt(k), BigInt(number),
         this.x, this.d, this.p, this.due + 2 * k, this.logged + k, this.log + 8 * width * row, BigInt(width),
-        this.fault, this.bad, this.kinds, sides, 0, 0));
+        this.fault, this.bad, this.kinds, sides, 0, 0, 0));
       const code = new Int32Array(this.c.memory.buffer, this.fault, 1)[0];
       row = Math.ceil((k + (code && code !== 2)) / every);
       if (code) fault = this.explain(code, (k * over) / under, ((k + 1) * over) / under);

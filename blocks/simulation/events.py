@@ -71,7 +71,6 @@ class EventWatch:
         self._modes = d[plan.modes.span]
         self._g = np.zeros(0)
         self._quiet = np.zeros(len(kinds), dtype=bool)
-        self._asked = False  # whether a Python block wants an event
         self.fresh = True  # whether d or p may have changed since the last step
         self._last = 0.0  # time of the last event [s]
         self._number = 0  # of simultaneous events
@@ -109,9 +108,9 @@ class EventWatch:
         self._indicate(end, x)
         if self._mark(end):
             end, x = self._locate(begin, end, x, state, start)
-        self._asked = self.executor.accepted(end, x, self.d, self.p)
+        self.executor.accepted(end, x, self.d, self.p)
         self._record(end, x, before=True)
-        if self._asked or self._fired.any():
+        if self.executor.asking or self._fired.any():
             return end, x
         self._adopt()
         return None
@@ -191,7 +190,7 @@ class EventWatch:
         while True:
             happens = self._mark(t)
             self._adopt()
-            if not happens and not self._asked:
+            if not happens and not self.executor.asking:
                 return x
             if self._fired[self._terminal].any():
                 ended(self._plan, t, d)
@@ -210,7 +209,6 @@ class EventWatch:
             # on_event() does not see a time before it.
             times = self._g[self._timed & (fired > 0.0)]
             after = executor.call("on_event", float(times.max(initial=t)), x, d, p)
-            self._asked = False
             x, self._modes[:] = after[: x.size], after[x.size :]
             refuse_not_finite(self._plan, t, x, d)
             self._indicate(t, x)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 import ctypes
 import time
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from fractions import Fraction
 from functools import partial
 from typing import Any, NamedTuple, NoReturn, Self
@@ -59,7 +59,8 @@ class Progress(NamedTuple):
     steps : int
         Steps taken [-].
     fault : str
-        Empty, or ``"x"`` or ``"d"``: which vector could not be computed, or stopped being finite.
+        Empty, or ``"x"`` or ``"d"``: which vector could not be computed, or stopped being finite. In
+        `CompiledExecutor`, also ``"step"``: Python must take the next step, whose instant is done.
     bad : Vector or None
         The vector that is not finite [as declared].
     error : BaseException or None
@@ -118,6 +119,9 @@ class Executor:
     jacobian: SparseJacobian | None = None
     """Sparse Jacobian of the derivative; None if no solver uses it, or the equations have none."""
 
+    asking: Set[str] = frozenset()
+    """Paths of the Python blocks that request an event after a step."""
+
     _watch: EventWatch | None = None
     _steps: VariableSteps | None = None
 
@@ -166,9 +170,8 @@ class Executor:
             self.plan.loops.blame(*point)
         d[self.plan.guesses.span] = found
 
-    def accepted(self, *point: *Point) -> bool:
-        """Notify Python blocks of an accepted step; return whether one requests an event."""
-        return False
+    def accepted(self, *point: *Point) -> None:
+        """Notify Python blocks of an accepted step, after which they may request an event."""
 
     def close(self) -> None:
         """End the run: Python blocks release their resources."""
@@ -263,6 +266,10 @@ class Executor:
         t, end, h = times
         if watch is None:
             x = self._step(method, times, x, d, p)
+            self.keep_loops(end, x, d, p)
+            return x
+        if self.asking:  # after a step in C
+            x = watch.handle(end, x, h)
             self.keep_loops(end, x, d, p)
             return x
         whole = h
@@ -416,7 +423,8 @@ class CompiledExecutor(Executor):
         self._advance.argtypes = [
             *(pointer, ctypes.c_int, ctypes.c_double, ctypes.c_double, whole, whole),
             *[pointer] * 6,
-            *(whole, pointer, pointer, pointer, ctypes.c_int, pointer, pointer),
+            *(whole, pointer, pointer, pointer, ctypes.c_int),
+            *[pointer] * 3,
         ]
         if variable:
             self._vary = library.tf_vary
@@ -427,7 +435,7 @@ class CompiledExecutor(Executor):
             ]
         self._evaluate = library.tf_evaluate
         self._evaluate.argtypes = [ctypes.c_int, ctypes.c_double, *[pointer] * 4]
-        self._programs = {p.name: (i, p.size) for i, p in enumerate(programs)}
+        self.programs = {p.name: (i, p.size) for i, p in enumerate(programs)}
         # Room for x or d, or for the indicators, of which d has as many sides.
         self._bad_size = 1 + max(s.numel() for s in programs[0].inputs)
         self._take_memory()
@@ -446,7 +454,7 @@ class CompiledExecutor(Executor):
         # looking one up takes longer than a call
         self._addresses = [_Address() for _ in range(7)]
         self._results = {}
-        for name, (number, size) in self._programs.items():
+        for name, (number, size) in self.programs.items():
             result = np.empty(size if self._lanes == 1 else (size, self._lanes))
             self._results[name] = number, result, result.ctypes.data
 
@@ -473,10 +481,11 @@ class CompiledExecutor(Executor):
         log: Vector,
         python: int | None = None,
         instant: Any = None,
+        blocks: int | None = None,
     ) -> Progress:
         """Take the steps of a span in place; rows of `log` [as declared] are filled in order.
 
-        For `python` and `instant`, an address and a C function, see ``driver.c``.
+        For `python`, `instant` and `blocks`, a C function and addresses, see ``driver.c``.
         """
         to_x, to_d, to_p, to_due, to_logged, to_log, to_kinds = self._addresses
         work, fault, bad = self._own
@@ -501,6 +510,7 @@ class CompiledExecutor(Executor):
             self.plan.sides.span.start,
             python,
             instant,
+            blocks,
         )
         if not self._fault.value:
             return Progress(steps)
@@ -508,6 +518,8 @@ class CompiledExecutor(Executor):
         if self._fault.value <= 2:
             which, size = ("x", x.size) if self._fault.value == 1 else ("d", d.size)
             return Progress(steps, which, self._bad[:size].copy())
+        if self._fault.value == 9:
+            return Progress(steps, "step")
         # An indicator is reported at the start of the step, the others at their own time.
         begin = (span.first + steps) * float(span.tick)
         t = begin if self._fault.value == 3 else float(self._bad[0])

@@ -5,6 +5,8 @@ each block computes its outputs from the present time, states and inputs, in the
 on each other. The traced programs then read them like held values. Outputs in algebraic loops that are to
 be solved are found together, by Newton's method with differences. While sampled blocks compute at an
 instant, continuous Python blocks still see the held outputs of before.
+
+With fixed steps, ``driver.c`` calls continuous blocks that have C functions, and leaves steps with events to Python.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trussflow.blocks.errors import AlgebraicLoopError, DivergenceError
 from trussflow.blocks.framework.block import Block
@@ -191,7 +194,7 @@ class PythonExecutor(Executor):
         self.blocks = blocks
         self._inner = inner
         self._python = python
-        self._asking: set[str] = set()  # blocks that request an event after a step
+        self.asking: set[str] = set()
         self._updating = {
             call.path
             for call, _ in chain(*python.ordered)
@@ -218,9 +221,11 @@ class PythonExecutor(Executor):
         self, span: Span, x: Vector, d: Vector, p: Vector, log: Vector
     ) -> Progress:
         """Take steps of a span in place, as in `Executor.advance`."""
-        # Continuous Python blocks are called in each stage; otherwise spans run in C.
         inner = self._inner
-        if self._python.continuous or not isinstance(inner, CompiledExecutor):
+        if (
+            not isinstance(inner, CompiledExecutor)
+            or (blocks := self._compiled(inner)) is None
+        ):
             return super().advance(span, x, d, p, log)
         if self._instant is None:
             # C calls the generator inside its `try`. Ctrl-C is noticed at the begin of a function, where it
@@ -230,11 +235,39 @@ class PythonExecutor(Executor):
             self._instant = INSTANT(instants.send)
         self._span = time.perf_counter() + self.span_seconds, span, x, d, p
         computes = self._python.computes.ctypes.data
-        progress = inner.advance(span, x, d, p, log, computes, self._instant)
-        if self._failed is None:
+        addresses = np.array([b.ctypes.data for b in blocks.values()], dtype=np.uintp)
+        progress = inner.advance(
+            span, x, d, p, log, computes, self._instant, addresses.ctypes.data
+        )
+        running = self.blocks.kept()
+        self.asking |= {path for path in blocks if running[path].resume()}
+        if self._failed is not None:
+            failed, self._failed, self._instant = self._failed, None, None
+            return failed._replace(steps=progress.steps)
+        if progress.fault != "step":
             return progress
-        failed, self._failed, self._instant = self._failed, None, None
-        return failed._replace(steps=progress.steps)
+        # An event or error in the next step, or an event that a block requests after it.
+        first = span.first + progress.steps
+        due, logged = span.due[:1] * 0, span.logged[:1] * 0
+        step = Span(span.method, span.tick, first, 0, 1, due, logged)
+        after = super().advance(step, x, d, p, log)
+        return after._replace(steps=progress.steps + after.steps)
+
+    def _compiled(self, inner: CompiledExecutor) -> dict[str, NDArray[np.uintp]] | None:
+        """Return the continuous blocks in C by path, or None if Python must evaluate any of them."""
+        found = {}
+        running = self.blocks.kept()
+        for ((call, quantity), *_), is_loop in self._python.stages[0]:
+            own = running.get(call.path)
+            if own is None or is_loop or self.plan.histories.size:
+                return None
+            block = own.compiled()
+            if block is None:
+                return None
+            places = (s.start for s in (call.states, call.outputs, call.events))
+            block[:4] = inner.programs[quantity.name][0], *places
+            found[call.path] = block
+        return found
 
     def _instants(self) -> Generator[int, int, None]:
         """Compute the instant of each step of a span that is sent; yield whether the span goes on."""
@@ -407,24 +440,23 @@ class PythonExecutor(Executor):
                 place = call.states if kind == "derivative" else call.events
                 into[place] = self._ask(call, quantity, kind, point)
 
-    def accepted(self, *point: *Point) -> bool:
-        """Notify Python blocks of an accepted step; return whether one requests an event."""
+    def accepted(self, *point: *Point) -> None:
+        """Notify Python blocks of an accepted step, after which they may request an event."""
         for call, quantity in self._python.continuous:
             if self._ask(call, quantity, "on_step", point):
-                self._asking.add(call.path)
-        return bool(self._asking)
+                self.asking.add(call.path)
 
     def _handle(self, point: Point, into: Vector) -> None:
         """Put states and modes of blocks whose events happen `into` (x, modes) [as declared]."""
         _, x, d, _ = point
         for call, quantity in self._python.continuous:
             fired = d[call.fired] > 0.0
-            if fired.any() or call.path in self._asking:
+            if fired.any() or call.path in self.asking:
                 happened = call.happened(fired)
                 into[call.places(x.size)] = self._ask(
                     call, quantity, "on_event", point, happened
                 )
-        self._asking.clear()
+        self.asking.clear()
 
     def _ask(
         self,

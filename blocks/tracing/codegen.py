@@ -87,6 +87,7 @@ def c_sources(
     macros = {
         "TF_X": programs[0].inputs[1].numel(),
         "TF_D": programs[0].inputs[2].numel(),
+        "TF_BLOCKS": sum(n.startswith("continuous_") for n in names),
         "TF_OUTPUTS": int("outputs" in names),
         "TF_SAMPLES": "".join(
             f", tf_run_{n}" for n in names if n.startswith("sample_")

@@ -9,7 +9,8 @@
    all the same, a quarter where it turned back at its event, and may be beyond zero by round-off; 0 where
    nothing is known. */
 
-enum { TF_FINE, TF_BAD_STATE, TF_BAD_D, TF_BAD_INDICATOR, TF_ENDLESS, TF_BAD_LOOP, TF_STUCK, TF_ENDED, TF_FULL };
+enum { TF_FINE, TF_BAD_STATE, TF_BAD_D, TF_BAD_INDICATOR, TF_ENDLESS, TF_BAD_LOOP, TF_STUCK, TF_ENDED, TF_FULL,
+       TF_PYTHON };
 
 typedef struct {
   tf_program derivative, indicators, on_event, guesses, stored;

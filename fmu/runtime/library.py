@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -30,8 +30,43 @@ from trussflow.fmu.runtime.signatures import (
 _alone: set[str] = set()
 """Tokens of FMUs that allow one instance per process and have one in this process."""
 
-Call = Callable[[], None]
-"""Function of the FMU with bound arguments; it raises an error if the call fails."""
+NO_CALL = (0,) * 5
+"""Value of `Call.pointers` for no call."""
+
+
+class Call:
+    """Function of the FMU with bound arguments, for the inner loop; a call raises an error if it fails.
+
+    Parameters
+    ----------
+    library : Library
+        Library of the instance.
+    name : str
+        Name without the prefix.
+    *arguments : object
+        Arguments after the instance.
+    """
+
+    def __init__(self, library: Library, name: str, *arguments: Any) -> None:
+        self._library = library
+        self._name = name
+        self._function = library.function(name)
+        # Keeps arrays of value references alive, whose address C gets.
+        self._arguments = arguments
+        self._status = partial(self._function, library.component, *arguments)
+
+    def __call__(self) -> None:
+        """Call the function, unless FMI forbids all calls."""
+        status = STATUS_FATAL if self._library.dead else self._status()
+        if status > STATUS_WARNING:
+            self._library.fail(self._name, status)
+
+    @property
+    def pointers(self) -> tuple[int, ...]:
+        """The function and its arguments after the instance: the structure ``tf_call`` of ``driver.c``."""
+        every = (self._function, *self._arguments)
+        words = [ctypes.cast(a, ctypes.c_void_p).value or 0 for a in every]
+        return (*words, *NO_CALL)[: len(NO_CALL)]
 
 
 class Step(NamedTuple):
@@ -119,9 +154,6 @@ class Library:
     accessors: ClassVar[dict[str, tuple[str, Any]]]
     """Name of the access functions and C type of the elements, by FMI type."""
 
-    flag: ClassVar[Any]
-    """C type of a Boolean."""
-
     state_word: ClassVar[str]
     """Word for the FMU state in the names of the state functions."""
 
@@ -191,7 +223,7 @@ class Library:
         FmuCallError
             If the status is an error.
         """
-        self.bound(name, *arguments)()
+        Call(self, name, *arguments)()
 
     def fail(self, name: str, status: int) -> NoReturn:
         """Raise the error of a call.
@@ -213,25 +245,6 @@ class Library:
         error.status = status
         raise error
 
-    def bound(self, name: str, *arguments: Any) -> Call:
-        """Return a call with bound arguments, for the inner loop.
-
-        Parameters
-        ----------
-        name : str
-            Name without the prefix.
-        *arguments : object
-            Arguments after the instance.
-        """
-        # The partial also keeps arrays of value references alive, whose address C gets.
-        status_of = partial(self.function(name), self.component, *arguments)
-
-        def checked() -> None:
-            if (status := status_of()) > STATUS_WARNING:
-                self.fail(name, status)
-
-        return checked
-
     def vector_call(self, name: str, vector: Vector) -> Call:
         """Return a call that passes a vector of floats, such as the continuous states.
 
@@ -242,7 +255,7 @@ class Library:
         vector : Vector
             Buffer of the values [units as the FMU states]; it must not be reallocated.
         """
-        return self.bound(name, vector.ctypes.data, vector.size)
+        return Call(self, name, vector.ctypes.data, vector.size)
 
     def accessor(
         self, get: bool, kind: str, references: Sequence[int], buffer: Any, count: int
@@ -265,7 +278,7 @@ class Library:
         name = f"{'Get' if get else 'Set'}{self.accessors[kind][0]}"
         # A variable of FMI 3 may be an array: values and references differ in number.
         sizes = (count,) if self.version == 3 else ()
-        return self.bound(name, *self.listed(references), buffer, *sizes)
+        return Call(self, name, *self.listed(references), buffer, *sizes)
 
     @staticmethod
     def listed(references: Sequence[int]) -> tuple[Any, int]:
@@ -288,15 +301,6 @@ class Library:
             self.call("EnterInitializationMode")
         else:
             self.call("EnterInitializationMode", *experiment)
-
-    def completed_step(self) -> tuple[bool, bool]:
-        """Call ``completedIntegratorStep``; return (enter event mode, terminate)."""
-        event = self.flag()
-        end = self.flag()
-        self.call(
-            "CompletedIntegratorStep", True, ctypes.byref(event), ctypes.byref(end)
-        )
-        return bool(event.value), bool(end.value)
 
     # -- differences between the versions ---------------------------------------------------
 

@@ -21,7 +21,6 @@ class Library2(Library):
     """An FMU of FMI 2.0; the parameters are those of `Library`."""
 
     version: ClassVar[int] = 2
-    flag: ClassVar[Any] = ctypes.c_int
     accessors: ClassVar[dict[str, tuple[str, Any]]] = {
         "Real": ("Real", np.float64),
         "Integer": ("Integer", np.int32),

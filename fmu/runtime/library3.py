@@ -18,7 +18,6 @@ class Library3(Library):
     """An FMU of FMI 3.0; the parameters are those of `Library`."""
 
     version: ClassVar[int] = 3
-    flag: ClassVar[Any] = ctypes.c_bool
     accessors: ClassVar[dict[str, tuple[str, Any]]] = {
         **{
             kind: (kind, np.dtype(kind.lower()).type)

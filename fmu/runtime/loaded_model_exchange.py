@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import chain
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trussflow.blocks.support.types import Vector
 from trussflow.fmu.errors import FmuEndedError
 from trussflow.fmu.runtime.description import Kind
+from trussflow.fmu.runtime.library import NO_CALL, Call
 from trussflow.fmu.runtime.loaded import LoadedFmu
+from trussflow.fmu.runtime.messages import STATUS_FATAL
 from trussflow.fmu.runtime.variable_buffers import continuous_elements
 
 
@@ -50,6 +54,14 @@ class LoadedModelExchange(LoadedFmu):
         self._get_states = library.vector_call("GetContinuousStates", self._states)
         self._get_rates = library.vector_call(library.derivatives_name, self._rates)
         self._get_signs = library.vector_call("GetEventIndicators", self._signs)
+        self._set_time = Call(library, "SetTime", 0)
+        self._flags = np.zeros(3, dtype=np.int32)
+        flags = self._flags.ctypes.data
+        self._completed = (
+            Call(library, "CompletedIntegratorStep", 1, flags, flags + 4)
+            if self.capabilities.needsCompletedIntegratorStep
+            else None
+        )
         self.next_time = math.inf
         # After initialization the FMU is in event mode.
         if self._resume()[1]:
@@ -158,6 +170,46 @@ class LoadedModelExchange(LoadedFmu):
             self._get_signs()
         return self._signs
 
+    def compiled(
+        self, places: Sequence[NDArray[np.int64]], accepted: tuple[float, Vector]
+    ) -> NDArray[np.uintp] | None:
+        """Return the words of ``tf_block`` in ``driver.c``; None if the FMU has single-precision variables.
+
+        Parameters
+        ----------
+        places : sequence of array of int
+            Places of the elements of the block in the states, the inputs and the outputs of the FMU [-].
+        accepted : tuple
+            Time [s] and inputs of the last accepted point [units as the FMU states]; C changes them in place.
+        """
+        u, y = self._input, self._output
+        if "Float32" in {v.type for v in (*self.inputs, *self.outputs)}:
+            return None
+        (write, written), (read, got) = u.compiled(), y.compiled()
+        time, self._accepted = accepted
+        self._times = np.array([math.nan, time, self.next_time])
+        self._flags[:] = 0
+        calls = (self._set_time, self._set_states, self._get_rates, self._get_signs)
+        self._arrays = (
+            *(*places, written, got, u.continuous),
+            *(np.empty_like(u.values), self._accepted, y.values),
+            *(self._times, self._flags),
+        )
+        words = [
+            *(*[0] * 4, self._library.component),
+            *chain(*(c.pointers for c in calls), write, read),
+            *(self._completed.pointers if self._completed else NO_CALL),
+            *(array.ctypes.data for array in self._arrays),
+            *(u.values.size, y.values.size, written.size, got.size),
+        ]
+        return np.array(words, dtype=np.uintp)
+
+    def resume(self) -> tuple[tuple[float, Vector], bool, bool]:
+        """Return time and inputs of the last accepted point, and whether the FMU requests an event, and the end."""
+        event, end, status = self._flags.tolist()
+        self._library.dead |= status == STATUS_FATAL
+        return (float(self._times[1]), self._accepted), bool(event), bool(end)
+
     def completed_step(self) -> tuple[bool, bool]:
         """Report to the FMU that the solver accepted the step.
 
@@ -166,9 +218,10 @@ class LoadedModelExchange(LoadedFmu):
         tuple of bool
             Whether the FMU requests an event now, and whether it requests the end of the run.
         """
-        if not self.capabilities.needsCompletedIntegratorStep:
+        if not self._completed:
             return False, False
-        return self._library.completed_step()
+        self._completed()
+        return bool(self._flags[0]), bool(self._flags[1])
 
     def handle_event(
         self, u: Vector, values: Mapping[str, Any] | None = None

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from trussflow.blocks.support.types import Vector
 from trussflow.fmu.errors import FmuError
 from trussflow.fmu.runtime.description import FmuVariable
-from trussflow.fmu.runtime.library import Library
+from trussflow.fmu.runtime.library import NO_CALL, Library
 
 
 @dataclass(slots=True, eq=False)
 class _Part:
-    """The variables of one type: their places in the vector, or None if it is their buffer."""
+    """The variables of one type, and their places in the vector, which may be their buffer."""
 
     type: str
     continuous: bool
@@ -75,7 +75,7 @@ class VariableBuffers:
                         alike[-1][0].type,
                         alone,
                         [v.reference for v, _ in alike],
-                        None if plain else places,
+                        places,
                         self.values if plain else np.zeros(places.size, dtype=kind),
                     )
                 )
@@ -90,6 +90,16 @@ class VariableBuffers:
                 part.buffer.ctypes.data,
                 part.buffer.size,
             )
+
+    def compiled(self) -> tuple[tuple[int, ...], NDArray[np.int64]]:
+        """Return the call for C code, and the places in the vector of the values that it passes.
+
+        These are the 64-bit floats; if it writes, only those that may change between events.
+        """
+        for part in self._parts:
+            if part.continuous == self._writes and part.buffer.dtype == np.float64:
+                return part.call.pointers, part.places
+        return NO_CALL, np.arange(0)
 
     def write(self, *, only_continuous: bool = False) -> None:
         """Send the values to the FMU.
@@ -107,7 +117,7 @@ class VariableBuffers:
         for part in self._parts:
             if only_continuous and not part.continuous:
                 continue
-            if part.places is not None:
+            if part.buffer is not self.values:
                 self._convert(part)
             part.call()
 
@@ -121,7 +131,7 @@ class VariableBuffers:
         """
         for part in self._parts:
             part.call()
-            if part.places is not None:
+            if part.buffer is not self.values:
                 self.values[part.places] = part.buffer
 
     def _convert(self, part: _Part) -> None:

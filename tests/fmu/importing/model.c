@@ -33,11 +33,11 @@ enum { H, V, DH, DV, G, E, U, D, Y, PERIOD, HMAX, REALS };
 enum { COUNT, FAULT, I_IN, I_OUT, RELAY_ON, INTEGERS };
 enum { B_IN, B_OUT, BOOLEANS };
 enum { NONE, INIT, STEP, HANG, CRASH, DISCARD_ALL, DISCARD_LONG, END, ENDLESS, REFUSE_INPUT, STUCK,
-       END_AT_EVENT, DISCARD_ONCE, END_AFTER };
+       END_AT_EVENT, DISCARD_ONCE, END_AFTER, REQUEST, FATAL };
 #define ARRAY 8
 
 typedef struct {
-    int model, early, events, ended, failed, refused;
+    int model, early, events, ended, failed, refused, steps, requested;
     int modes, running, in_event; /* whether there are modes; initialized; in event mode */
     double begin, t, next, r[REALS], last;
     int i[INTEGERS], b[BOOLEANS];
@@ -100,6 +100,7 @@ static int event(Model *m) { /* returns whether continuous states jumped */
     if (m->model == BALL && m->r[H] <= 0 && m->r[V] < 0) {
         m->r[H] = 0, m->r[V] *= -m->r[E], m->i[COUNT]++, jumped = 1;
     }
+    if (m->requested) m->r[H] += 0.125, m->requested = 0, jumped = 1;
     while (m->model == STAIR && m->t >= m->next) {
         m->i[COUNT]++;
         m->next = m->begin + (m->i[COUNT] + 1) * m->r[PERIOD];
@@ -216,7 +217,13 @@ EXPORT Status NAME(Terminate)(Handle c) {
 }
 EXPORT Status NAME(EnterEventMode)(Handle c) { SELF; m->in_event = 1; return OK; }
 EXPORT Status NAME(EnterContinuousTimeMode)(Handle c) { SELF; m->in_event = 0; return OK; }
-EXPORT Status NAME(SetTime)(Handle c, double t) { SELF; m->t = t; return OK; }
+EXPORT Status NAME(SetTime)(Handle c, double t) {
+    SELF;
+    m->t = t;
+    if (m->i[FAULT] != FATAL || (t <= 0.5 && !m->steps)) return OK;
+    if (m->steps++) abort(); /* FMI forbids calls after a fatal error */
+    return NAME(Fatal);
+}
 EXPORT Status NAME(SetContinuousStates)(Handle c, const double x[], size_t n) {
     SELF; memcpy(m->r, x, n * sizeof *x); return OK;
 }
@@ -287,7 +294,7 @@ EXPORT Status fmi3GetContinuousStateDerivatives(Handle c, double dx[], size_t n)
     SELF; compute(m); memcpy(dx, m->r + DH, n * sizeof *dx); return OK;
 }
 EXPORT Status fmi3CompletedIntegratorStep(Handle c, Flag prior, Flag *wanted, Flag *end) {
-    SELF; (void)prior; *wanted = 0; *end = (m->i[FAULT] == END || m->i[FAULT] == END_AFTER) && m->t > 0.5; return OK;
+    SELF; (void)prior; *wanted = m->requested = m->i[FAULT] == REQUEST && ++m->steps % 7 == 0; *end = (m->i[FAULT] == END || m->i[FAULT] == END_AFTER) && m->t > 0.5; return OK;
 }
 EXPORT Status fmi3UpdateDiscreteStates(Handle c, Flag *again, Flag *end, Flag *nominals, Flag *changed, Flag *defined, double *next) {
     SELF;
@@ -341,7 +348,7 @@ EXPORT Status fmi2GetDerivatives(Handle c, double dx[], size_t n) {
     SELF; compute(m); memcpy(dx, m->r + DH, n * sizeof *dx); return OK;
 }
 EXPORT Status fmi2CompletedIntegratorStep(Handle c, Flag prior, Flag *wanted, Flag *end) {
-    SELF; (void)prior; *wanted = 0; *end = (m->i[FAULT] == END || m->i[FAULT] == END_AFTER) && m->t > 0.5; return OK;
+    SELF; (void)prior; *wanted = m->requested = m->i[FAULT] == REQUEST && ++m->steps % 7 == 0; *end = (m->i[FAULT] == END || m->i[FAULT] == END_AFTER) && m->t > 0.5; return OK;
 }
 EXPORT Status fmi2NewDiscreteStates(Handle c, fmi2EventInfo *info) {
     SELF;
