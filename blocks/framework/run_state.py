@@ -9,9 +9,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from trussflow.blocks.errors import SimulationError
 from trussflow.blocks.framework.equations import Equations
 from trussflow.blocks.support.types import Vector
@@ -50,16 +47,16 @@ class Running(Equations):
     def tuned(self) -> None:
         """Handle a change of parameters; the argument of `Block.open` has the new values."""
 
-    def compiled(self) -> NDArray[np.uintp] | None:
+    def compiled(self) -> list[int] | None:
         """Return a continuous block for steps in C, or None if it needs Python at present.
 
-        The result has the words of ``tf_block`` in ``driver.c``; the caller sets the first four.
+        The result is the structure ``tf_block`` of ``driver.c`` without the first four words.
         """
         return None
 
     def resume(self) -> bool:
-        """Continue after steps in C with the result of `compiled`; return whether the block requests an event."""
-        raise NotImplementedError
+        """Continue after steps in C, if there were any; return whether the block requests an event."""
+        return False
 
     def save(self) -> Any:
         """Return a copy of the internal state, for `restore` of this object or one of an equal block.

@@ -235,39 +235,37 @@ class PythonExecutor(Executor):
             self._instant = INSTANT(instants.send)
         self._span = time.perf_counter() + self.span_seconds, span, x, d, p
         computes = self._python.computes.ctypes.data
-        addresses = np.array([b.ctypes.data for b in blocks.values()], dtype=np.uintp)
         progress = inner.advance(
-            span, x, d, p, log, computes, self._instant, addresses.ctypes.data
+            span, x, d, p, log, computes, self._instant, blocks.ctypes.data
         )
-        running = self.blocks.kept()
-        self.asking |= {path for path in blocks if running[path].resume()}
         if self._failed is not None:
             failed, self._failed, self._instant = self._failed, None, None
             return failed._replace(steps=progress.steps)
+        try:
+            requests = self.blocks.call_each("resume")
+        except Exception as error:  # noqa: BLE001 - raised again by the run
+            return progress._replace(bad=None, error=error)
         if progress.fault != "step":
             return progress
-        # An event or error in the next step, or an event that a block requests after it.
+        # An event in the next step, or one that a block requests after it.
+        self.asking = {path for path, requested in requests.items() if requested}
         first = span.first + progress.steps
         due, logged = span.due[:1] * 0, span.logged[:1] * 0
         step = Span(span.method, span.tick, first, 0, 1, due, logged)
         after = super().advance(step, x, d, p, log)
         return after._replace(steps=progress.steps + after.steps)
 
-    def _compiled(self, inner: CompiledExecutor) -> dict[str, NDArray[np.uintp]] | None:
-        """Return the continuous blocks in C by path, or None if Python must evaluate any of them."""
-        found = {}
-        running = self.blocks.kept()
+    def _compiled(self, inner: CompiledExecutor) -> NDArray[np.uintp] | None:
+        """Return the continuous blocks for C, or None if Python must evaluate any of them."""
+        found = []
+        words = self.blocks.call_each("compiled")
         for ((call, quantity), *_), is_loop in self._python.stages[0]:
-            own = running.get(call.path)
-            if own is None or is_loop or self.plan.histories.size:
-                return None
-            block = own.compiled()
-            if block is None:
+            block = words.get(call.path)
+            if block is None or is_loop or self.plan.histories.size:
                 return None
             places = (s.start for s in (call.states, call.outputs, call.events))
-            block[:4] = inner.programs[quantity.name][0], *places
-            found[call.path] = block
-        return found
+            found.append([inner.programs[quantity.name][0], *places, *block])
+        return np.array(found, dtype=np.uintp)
 
     def _instants(self) -> Generator[int, int, None]:
         """Compute the instant of each step of a span that is sent; yield whether the span goes on."""

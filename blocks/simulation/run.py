@@ -478,7 +478,7 @@ class Run:
     def _failed(self, progress: Progress, k: int, is_logged: bool) -> NoReturn:
         """Raise the error of the step from tick `k` [-], at which a row was reserved if it `is_logged`."""
         self.time = self.time_of(k)
-        if progress.fault == "x" and is_logged and self.log is not None:
+        if progress.fault != "d" and is_logged and self.log is not None:
             self.log.keep(self.time)  # the row before the step is good
         if progress.bad is None:
             assert progress.error is not None

@@ -39,114 +39,109 @@ TF_EXPORT void tf_evaluate(int number, double t, const tf_number* x, const tf_nu
 typedef struct {
   int (*function)(void*, void*, size_t, void*, size_t);
   void* a;
-  size_t n; /* 0: not called */
+  size_t n; /* 0: not called, except to set the time */
   void* b;
   size_t m;
 } tf_call;
 
-/* A continuous Python block that is an FMU for model exchange: the words of `LoadedModelExchange.compiled`. */
+enum { TF_SET_TIME, TF_SET_STATES, TF_SET_INPUTS, TF_GET_OUTPUTS, TF_RATES, TF_SIGNS, TF_COMPLETED, TF_CALLS };
+
+/* A continuous Python block that is an FMU for model exchange. */
 typedef struct {
   size_t program, x, d, g; /* program of its inputs; places of its states, outputs and indicators */
+  /* the words of `LoadedModelExchange.compiled` */
   void* instance;
-  struct {
-    int (*function)(void*, double);
-    size_t unused[4];
-  } set_time;
-  tf_call set_states, get_rates, get_signs, set_inputs, get_outputs, completed;
-  const long long *states, *inputs, *outputs; /* place in the FMU of each element of the block */
-  const long long *written, *read;            /* places of the elements that are set and got */
-  const unsigned char* continuous;            /* inputs that may change between events */
-  double *u, *last, *y;                       /* inputs, those of the last accepted point, outputs */
-  double* times;                              /* present time, of the last accepted point, of the next time event */
-  int* flags;                                 /* an event is requested, the end of the run, status of a failed call */
-  size_t inputs_size, outputs_size, written_size, read_size;
+  tf_call calls[TF_CALLS];
+  const long long *written, *read; /* places of the inputs that are set, and of the outputs that are got */
+  const unsigned char* continuous; /* inputs that may change between events */
+  double* u;                       /* inputs */
+  double* times; /* present time, of the last accepted point, of the next time event; inputs at the second of them */
+  int* flags; /* an event is requested, the end of the run; status and number of the call that failed */
+  size_t inputs_size, written_size, read_size;
 } tf_block;
 
 /* The blocks in sorted order; programs have no argument for them. */
-static _Thread_local tf_block** tf_blocks;
+static _Thread_local tf_block* tf_blocks;
 
-#define TF_EACH(b) for (tf_block **each = tf_blocks, *b; each < tf_blocks + TF_BLOCKS && (b = *each); ++each)
+#define TF_EACH(b) for (tf_block* b = tf_blocks; b < tf_blocks + TF_BLOCKS; ++b)
 
-static void tf_enter(tf_block** blocks) {
+static void tf_enter(tf_block* blocks) {
   tf_blocks = blocks;
   TF_EACH(b) b->times[0] = NAN; /* Python may have moved them */
 }
 
-static void tf_check(const tf_block* b, int status) {
-  if (status > 1) b->flags[2] = status;
+/* Call a function of an FMU; after an error FMI forbids all calls. */
+static void tf_do(const tf_block* b, int number) {
+  const tf_call* c = b->calls + number;
+  if (b->flags[2] || (number != TF_SET_TIME && !c->n)) return;
+  int status = number == TF_SET_TIME ? ((int (*)(void*, double))c->function)(b->instance, b->times[0])
+                                     : c->function(b->instance, c->a, c->n, c->b, c->m);
+  if (status > 1) b->flags[2] = status, b->flags[3] = number;
 }
 
-static void tf_do(const tf_block* b, const tf_call* c) {
-  if (c->n && !b->flags[2]) tf_check(b, c->function(b->instance, c->a, c->n, c->b, c->m));
-}
-
-static void tf_gather(double* to, const double* from, const long long* places, size_t n) {
-  for (size_t i = 0; i < n; ++i) to[i] = from[places[i]];
-}
-
-/* Scatter numbers; return whether any changes. */
-static int tf_scatter(double* to, const double* from, const long long* places, size_t n) {
-  int changes = 0;
-  for (size_t i = 0; i < n; ++i) {
-    changes |= memcmp(to + places[i], from + i, sizeof *to);
-    to[places[i]] = from[i];
-  }
-  return changes;
+static int tf_failed(void) {
+  int failed = 0;
+  TF_EACH(b) failed |= b->flags[2];
+  return failed;
 }
 
 /* Set time, states and inputs of a block, unless it has them. */
 static void tf_place(const tf_block* b, double t, const double* x, const double* d, const double* p) {
-  double u[b->inputs_size + 1];
-  tf_programs[b->program](&t, x, d, p, u);
-  int changes = tf_scatter(b->set_states.a, x + b->x, b->states, b->set_states.n);
-  changes |= tf_scatter(b->u, u, b->inputs, b->inputs_size);
-  if (!changes && t == b->times[0]) return;
-  if (!b->flags[2]) tf_check(b, b->set_time.function(b->instance, b->times[0] = t));
-  tf_do(b, &b->set_states);
-  tf_gather(b->set_inputs.b, b->u, b->written, b->written_size);
-  tf_do(b, &b->set_inputs);
+  const tf_call* states = b->calls + TF_SET_STATES;
+  double* inputs = b->calls[TF_SET_INPUTS].b;
+  int same = t == b->times[0] && !memcmp(states->a, x + b->x, states->n * sizeof *x);
+  tf_programs[b->program](&t, x, d, p, b->u);
+  for (size_t i = 0; i < b->written_size; ++i) {
+    same &= !memcmp(inputs + i, b->u + b->written[i], sizeof *inputs);
+    inputs[i] = b->u[b->written[i]];
+  }
+  if (same) return;
+  b->times[0] = t;
+  memcpy(states->a, x + b->x, states->n * sizeof *x);
+  for (int i = TF_SET_TIME; i <= TF_SET_INPUTS; ++i) tf_do(b, i);
 }
 
-/* Put the outputs of all blocks into d; return whether a call failed, or the run ends. The twin in Python, also of
-   the next functions, is `PythonExecutor`. */
+/* Put the outputs of all blocks into d; return whether a call failed. The twin in Python, also of the next functions,
+   is `PythonExecutor`. */
 static int tf_refresh(double t, const double* x, double* d, const double* p) {
-  int stops = 0;
   TF_EACH(b) {
+    const double* outputs = b->calls[TF_GET_OUTPUTS].b;
     tf_place(b, t, x, d, p);
-    tf_do(b, &b->get_outputs);
-    tf_scatter(b->y, b->get_outputs.b, b->read, b->read_size);
-    tf_gather(d + b->d, b->y, b->outputs, b->outputs_size);
-    stops |= b->flags[1] | b->flags[2];
+    tf_do(b, TF_GET_OUTPUTS);
+    for (size_t i = 0; i < b->read_size; ++i) d[b->d + b->read[i]] = outputs[i];
   }
-  return stops;
+  return tf_failed();
+}
+
+/* Place a block, and put its derivatives or indicators into those of all. */
+static void tf_add(const tf_block* b, int number, double t, const double* x, const double* d, const double* p,
+                   double* into) {
+  const tf_call* c = b->calls + number;
+  tf_place(b, t, x, d, p);
+  tf_do(b, number);
+  memcpy(into, c->a, c->n * sizeof *into);
 }
 
 static void tf_all_derivatives(const double* t, const double* x, const double* d, const double* p, double* result) {
   tf_refresh(*t, x, (double*)d, p);
   tf_run_derivative(t, x, d, p, result);
-  TF_EACH(b) {
-    tf_place(b, *t, x, d, p);
-    tf_do(b, &b->get_rates);
-    tf_gather(result + b->x, b->get_rates.a, b->states, b->get_rates.n);
-  }
+  TF_EACH(b) tf_add(b, TF_RATES, *t, x, d, p, result + b->x);
 }
 
 static void tf_all_indicators(const double* t, const double* x, const double* d, const double* p, double* result) {
   tf_refresh(*t, x, (double*)d, p);
   tf_run_indicators(t, x, d, p, result);
   TF_EACH(b) {
-    double *g = result + b->g, *next_time = g + b->get_signs.n;
-    tf_place(b, *t, x, d, p);
-    tf_do(b, &b->get_signs);
-    memcpy(g, b->get_signs.a, b->get_signs.n * sizeof *g);
+    double* next_time = result + b->g + b->calls[TF_SIGNS].n;
+    tf_add(b, TF_SIGNS, *t, x, d, p, result + b->g);
     *next_time = b->times[2];
     for (size_t i = 0; i < b->inputs_size; ++i) /* inputs that jump cause an event */
-      if (b->times[1] >= *t && b->u[i] != b->last[i]) *next_time = -INFINITY;
+      if (b->times[1] >= *t && b->u[i] != b->times[3 + i]) *next_time = -INFINITY;
   }
 }
 
-/* Take a step without events, with the arguments of tf_between. If there is an event or an error, the step is left to
-   Python; if a block requests an event at its end, only that event is. */
+/* Take a step without events, with the arguments of tf_between. A step with an event is left to Python; if a block
+   requests an event at its end, only that event is. */
 static int tf_step_blocks(const tf_model* m, tf_stepper* s, int method, double* t, double end, double h, int fresh,
                           int once, double* x, double* d, const double* p) {
   tf_model all = *m;
@@ -161,19 +156,17 @@ static int tf_step_blocks(const tf_model* m, tf_stepper* s, int method, double* 
     if (m->kinds[i] == 2 && s->g[i] < end) return TF_PYTHON;
   tf_take(&all, &s->steps, method, *t, end, h, x, d, p);
   if (!tf_finite(s->steps.next, TF_X) || !tf_indicate(&all, s, end, s->steps.next, d, p) ||
-      tf_mark(&all, s, end, d))
+      tf_mark(&all, s, end, d) || tf_failed())
     return TF_PYTHON;
-  TF_EACH(b) if (b->flags[2]) return TF_PYTHON;
   TF_EACH(b) {
-    tf_do(b, &b->completed);
-    if (b->flags[2]) return TF_PYTHON;
-    for (size_t i = 0; i < b->inputs_size; ++i) b->flags[0] |= !b->continuous[i] && b->u[i] != b->last[i];
-    memcpy(b->last, b->u, b->inputs_size * sizeof *b->u);
+    tf_do(b, TF_COMPLETED);
+    for (size_t i = 0; i < b->inputs_size; ++i) b->flags[0] |= !b->continuous[i] && b->u[i] != b->times[3 + i];
+    memcpy(b->times + 3, b->u, b->inputs_size * sizeof *b->u);
     b->times[1] = end;
     requested |= b->flags[0];
   }
   memcpy(x, s->steps.next, TF_X * sizeof *x);
-  if (requested) return TF_PYTHON;
+  if (requested || tf_failed()) return TF_PYTHON;
   *t = end;
   tf_settle(&all, s, end, h, once, x, d, p);
   return tf_keep(m, end, x, d, p);
@@ -208,7 +201,7 @@ TF_EXPORT long long tf_advance(void* work, int method, double numerator, double 
                                const tf_number* p, const unsigned short* due,
                                const unsigned char* logged, tf_number* log, long long log_width,
                                int* fault, tf_number* bad, const signed char* kinds, int sides,
-                               const unsigned char* python, tf_instant instant, tf_block** blocks) {
+                               const unsigned char* python, tf_instant instant, tf_block* blocks) {
   tf_work* s = (tf_work*)work;
   const tf_model model = TF_MODEL_OF(TF_RUN, kinds, sides);
   double h = numerator / denominator, next = (double)first * numerator / denominator;
@@ -217,10 +210,14 @@ TF_EXPORT long long tf_advance(void* work, int method, double numerator, double 
   for (long long k = 0; k < number; ++k) {
     double t = next;
     next = (double)(first + k + 1) * numerator / denominator;
-    if (due[k] && python && (python[due[k]] || tf_refresh(t, x, d, p))) {
+    if (due[k] && python && python[due[k]]) {
       if (!instant(k)) return k;
       tf_enter(blocks);
     } else if (due[k]) {
+      if (tf_refresh(t, x, d, p)) {
+        *fault = TF_BAD_D;
+        return k;
+      }
       tf_samples[due[k]](&t, x, d, p, s->d_next);
       if (!tf_sound(s->d_next)) {
         tf_report(s, *fault = TF_BAD_D, s->d_next, bad);
@@ -230,7 +227,10 @@ TF_EXPORT long long tf_advance(void* work, int method, double numerator, double 
     }
 #if TF_OUTPUTS
     if (logged[k]) {
-      (void)tf_refresh(t, x, d, p); /* the step stops if a call fails */
+      if (tf_refresh(t, x, d, p)) {
+        *fault = TF_BAD_D;
+        return k;
+      }
       tf_run_outputs(&t, x, d, p, log);
       log += log_width;
     }

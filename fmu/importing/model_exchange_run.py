@@ -6,7 +6,6 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trussflow.blocks.framework.declarations import Signals
 from trussflow.blocks.framework.equations import Values
@@ -155,18 +154,23 @@ class ModelExchangeRun(FmuRun):
 
     # -- steps in C -----------------------------------------------------------------------------
 
-    def compiled(self) -> NDArray[np.uintp] | None:
+    def compiled(self) -> list[int] | None:
         """Return the FMU for steps in C, if it is in this process, and has an accepted point but no event."""
-        fmu, last, known = self._fmu, self._last, self._interface
-        waits = self._pending or self._ended is not None or self._changes()
-        if waits or last is None or not isinstance(fmu, LoadedModelExchange):
-            return None
+        known = self._interface
         vectors = known.states, known.inputs, known.outputs
-        return fmu.compiled([np.r_[v.places] for v in vectors], last)
+        if (
+            self._last is None
+            or self._ended is not None
+            or self._changes()
+            or not isinstance(self._fmu, LoadedModelExchange)
+            or not all(isinstance(v.places, slice) for v in vectors)
+        ):
+            return None
+        return self._fmu.compiled(*self._last)
 
     def resume(self) -> bool:
         """Continue from the last accepted point; return whether the FMU requests an event there."""
-        (time, inputs), event, end = self._fmu.resume()
+        time, inputs, event, end = self._fmu.resume()
         self._last, self._placed = (time, inputs), None
         self._ended = time if end else self._ended
         return bool(event)

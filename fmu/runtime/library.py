@@ -30,9 +30,6 @@ from trussflow.fmu.runtime.signatures import (
 _alone: set[str] = set()
 """Tokens of FMUs that allow one instance per process and have one in this process."""
 
-NO_CALL = (0,) * 5
-"""Value of `Call.pointers` for no call."""
-
 
 class Call:
     """Function of the FMU with bound arguments, for the inner loop; a call raises an error if it fails.
@@ -50,23 +47,26 @@ class Call:
     def __init__(self, library: Library, name: str, *arguments: Any) -> None:
         self._library = library
         self._name = name
-        self._function = library.function(name)
+        self.function = library.function(name)
         # Keeps arrays of value references alive, whose address C gets.
-        self._arguments = arguments
-        self._status = partial(self._function, library.component, *arguments)
+        self.arguments = arguments
+        self._status = partial(self.function, library.component, *arguments)
 
     def __call__(self) -> None:
-        """Call the function, unless FMI forbids all calls."""
-        status = STATUS_FATAL if self._library.dead else self._status()
+        """Call the function."""
+        self.check(self._status())
+
+    def check(self, status: int) -> None:
+        """Raise an error if the `status` of a call [-] is not good."""
         if status > STATUS_WARNING:
             self._library.fail(self._name, status)
 
-    @property
-    def pointers(self) -> tuple[int, ...]:
-        """The function and its arguments after the instance: the structure ``tf_call`` of ``driver.c``."""
-        every = (self._function, *self._arguments)
-        words = [ctypes.cast(a, ctypes.c_void_p).value or 0 for a in every]
-        return (*words, *NO_CALL)[: len(NO_CALL)]
+
+def call_words(call: Call | None) -> list[int]:
+    """Return the function of a call and its arguments after the instance: ``tf_call`` of ``driver.c``."""
+    every = (call.function, *call.arguments) if call else ()
+    words = [ctypes.cast(a, ctypes.c_void_p).value or 0 for a in every]
+    return (words + [0] * 5)[:5]
 
 
 class Step(NamedTuple):

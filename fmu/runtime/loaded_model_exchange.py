@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import chain
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trussflow.blocks.support.types import Vector
 from trussflow.fmu.errors import FmuEndedError
 from trussflow.fmu.runtime.description import Kind
-from trussflow.fmu.runtime.library import NO_CALL, Call
+from trussflow.fmu.runtime.library import Call, call_words
 from trussflow.fmu.runtime.loaded import LoadedFmu
-from trussflow.fmu.runtime.messages import STATUS_FATAL
 from trussflow.fmu.runtime.variable_buffers import continuous_elements
 
 
@@ -54,10 +52,9 @@ class LoadedModelExchange(LoadedFmu):
         self._get_states = library.vector_call("GetContinuousStates", self._states)
         self._get_rates = library.vector_call(library.derivatives_name, self._rates)
         self._get_signs = library.vector_call("GetEventIndicators", self._signs)
-        self._set_time = Call(library, "SetTime", 0)
-        self._flags = np.zeros(3, dtype=np.int32)
+        self._flags = np.zeros(4, dtype=np.int32)
         flags = self._flags.ctypes.data
-        self._completed = (
+        self._completed: Any = (
             Call(library, "CompletedIntegratorStep", 1, flags, flags + 4)
             if self.capabilities.needsCompletedIntegratorStep
             else None
@@ -170,45 +167,49 @@ class LoadedModelExchange(LoadedFmu):
             self._get_signs()
         return self._signs
 
-    def compiled(
-        self, places: Sequence[NDArray[np.int64]], accepted: tuple[float, Vector]
-    ) -> NDArray[np.uintp] | None:
-        """Return the words of ``tf_block`` in ``driver.c``; None if the FMU has single-precision variables.
+    def compiled(self, time: float, inputs: Vector) -> list[int] | None:
+        """Return words of ``tf_block`` in ``driver.c``; None if the FMU has single-precision variables.
 
         Parameters
         ----------
-        places : sequence of array of int
-            Places of the elements of the block in the states, the inputs and the outputs of the FMU [-].
-        accepted : tuple
-            Time [s] and inputs of the last accepted point [units as the FMU states]; C changes them in place.
+        time : float
+            Time of the last accepted point [s].
+        inputs : Vector
+            Inputs there [units as the FMU states].
         """
-        u, y = self._input, self._output
+        u = self._input
         if "Float32" in {v.type for v in (*self.inputs, *self.outputs)}:
             return None
-        (write, written), (read, got) = u.compiled(), y.compiled()
-        time, self._accepted = accepted
-        self._times = np.array([math.nan, time, self.next_time])
+        (write, written), (read, got) = u.compiled(), self._output.compiled()
+        self._times = np.array([math.nan, time, self.next_time, *inputs])
         self._flags[:] = 0
-        calls = (self._set_time, self._set_states, self._get_rates, self._get_signs)
+        self._calls = (
+            *(Call(self._library, "SetTime"), self._set_states, write, read),
+            *(self._get_rates, self._get_signs, self._completed),
+        )
         self._arrays = (
-            *(*places, written, got, u.continuous),
-            *(np.empty_like(u.values), self._accepted, y.values),
+            *(written, got, u.continuous, np.empty_like(inputs)),
             *(self._times, self._flags),
         )
-        words = [
-            *(*[0] * 4, self._library.component),
-            *chain(*(c.pointers for c in calls), write, read),
-            *(self._completed.pointers if self._completed else NO_CALL),
+        return [
+            self._library.component,
+            *chain.from_iterable(map(call_words, self._calls)),
             *(array.ctypes.data for array in self._arrays),
-            *(u.values.size, y.values.size, written.size, got.size),
+            *(inputs.size, written.size, got.size),
         ]
-        return np.array(words, dtype=np.uintp)
 
-    def resume(self) -> tuple[tuple[float, Vector], bool, bool]:
-        """Return time and inputs of the last accepted point, and whether the FMU requests an event, and the end."""
-        event, end, status = self._flags.tolist()
-        self._library.dead |= status == STATUS_FATAL
-        return (float(self._times[1]), self._accepted), bool(event), bool(end)
+    def resume(self) -> tuple[float, Vector, int, int]:
+        """Return time and inputs of the last accepted point, and whether the FMU requests an event, and the end.
+
+        Raises
+        ------
+        FmuCallError
+            If a call failed.
+        """
+        event, end, status, number = self._flags.tolist()
+        if status:
+            self._calls[number].check(status)
+        return float(self._times[1]), self._times[3:], event, end
 
     def completed_step(self) -> tuple[bool, bool]:
         """Report to the FMU that the solver accepted the step.

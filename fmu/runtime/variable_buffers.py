@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from trussflow.blocks.support.types import Vector
 from trussflow.fmu.errors import FmuError
 from trussflow.fmu.runtime.description import FmuVariable
-from trussflow.fmu.runtime.library import NO_CALL, Library
+from trussflow.fmu.runtime.library import Library
 
 
 @dataclass(slots=True, eq=False)
@@ -91,15 +91,15 @@ class VariableBuffers:
                 part.buffer.size,
             )
 
-    def compiled(self) -> tuple[tuple[int, ...], NDArray[np.int64]]:
-        """Return the call for C code, and the places in the vector of the values that it passes.
+    def compiled(self) -> tuple[Any, NDArray[np.int64]]:
+        """Return the call for C code, if any, and the places in the vector of the values that it passes.
 
         These are the 64-bit floats; if it writes, only those that may change between events.
         """
         for part in self._parts:
             if part.continuous == self._writes and part.buffer.dtype == np.float64:
-                return part.call.pointers, part.places
-        return NO_CALL, np.arange(0)
+                return part.call, part.places
+        return None, np.arange(0)
 
     def write(self, *, only_continuous: bool = False) -> None:
         """Send the values to the FMU.

@@ -33,7 +33,7 @@ enum { H, V, DH, DV, G, E, U, D, Y, PERIOD, HMAX, REALS };
 enum { COUNT, FAULT, I_IN, I_OUT, RELAY_ON, INTEGERS };
 enum { B_IN, B_OUT, BOOLEANS };
 enum { NONE, INIT, STEP, HANG, CRASH, DISCARD_ALL, DISCARD_LONG, END, ENDLESS, REFUSE_INPUT, STUCK,
-       END_AT_EVENT, DISCARD_ONCE, END_AFTER, REQUEST, FATAL };
+       END_AT_EVENT, DISCARD_ONCE, END_AFTER, REQUEST, FATAL, UNREADABLE };
 #define ARRAY 8
 
 typedef struct {
@@ -183,7 +183,7 @@ static int too_late(Model *m) { /* to set what may change at events only */
     EXPORT Status NAME(Get##TYPE)(Handle c, const unsigned vr[], size_t n, VALUE(TYPE) v[] COUNT_ARG) {       \
         SELF; compute(m);                                                                          \
         for (size_t k = 0; k < n; k++) v[k] = m->FIELD[vr[k] % 100];                                     \
-        return OK;                                                                                 \
+        return fails(m, UNREADABLE, ERROR);                                                        \
     }                                                                                              \
     EXPORT Status NAME(Set##TYPE)(Handle c, const unsigned vr[], size_t n, const VALUE(TYPE) v[] COUNT_ARG) { \
         SELF;                                                                                      \
@@ -219,10 +219,12 @@ EXPORT Status NAME(EnterEventMode)(Handle c) { SELF; m->in_event = 1; return OK;
 EXPORT Status NAME(EnterContinuousTimeMode)(Handle c) { SELF; m->in_event = 0; return OK; }
 EXPORT Status NAME(SetTime)(Handle c, double t) {
     SELF;
+    if (m->failed) abort(); /* FMI forbids this call after an error */
     m->t = t;
-    if (m->i[FAULT] != FATAL || (t <= 0.5 && !m->steps)) return OK;
-    if (m->steps++) abort(); /* FMI forbids calls after a fatal error */
-    return NAME(Fatal);
+    return OK;
+}
+static Status fails(Model *m, int fault, Status status) {
+    return m->i[FAULT] == fault && m->t > 0.5 ? (m->failed = 1, status) : OK;
 }
 EXPORT Status NAME(SetContinuousStates)(Handle c, const double x[], size_t n) {
     SELF; memcpy(m->r, x, n * sizeof *x); return OK;
@@ -247,7 +249,7 @@ EXPORT Status fmi3GetFloat64(Handle c, const unsigned vr[], size_t n, double v[]
         if (vr[k] >= 100) { memcpy(v, vr[k] == 100 ? m->in : m->out, m->n * sizeof *v); v += m->n; }
         else *v++ = m->r[vr[k]];
     }
-    return OK;
+    return fails(m, UNREADABLE, ERROR);
 }
 EXPORT Status fmi3SetFloat64(Handle c, const unsigned vr[], size_t n, const double v[], size_t nv) {
     SELF; (void)nv;
@@ -291,7 +293,7 @@ EXPORT Status fmi3EnterInitializationMode(Handle c, Flag td, double tol, double 
     SELF; (void)td; (void)tol; (void)sd; (void)stop; m->t = start; return OK;
 }
 EXPORT Status fmi3GetContinuousStateDerivatives(Handle c, double dx[], size_t n) {
-    SELF; compute(m); memcpy(dx, m->r + DH, n * sizeof *dx); return OK;
+    SELF; compute(m); memcpy(dx, m->r + DH, n * sizeof *dx); return fails(m, FATAL, NAME(Fatal));
 }
 EXPORT Status fmi3CompletedIntegratorStep(Handle c, Flag prior, Flag *wanted, Flag *end) {
     SELF; (void)prior; *wanted = m->requested = m->i[FAULT] == REQUEST && ++m->steps % 7 == 0; *end = (m->i[FAULT] == END || m->i[FAULT] == END_AFTER) && m->t > 0.5; return OK;
@@ -345,7 +347,7 @@ EXPORT Status fmi2SetupExperiment(Handle c, Flag td, double tol, double start, F
 }
 EMPTY(EnterInitializationMode)
 EXPORT Status fmi2GetDerivatives(Handle c, double dx[], size_t n) {
-    SELF; compute(m); memcpy(dx, m->r + DH, n * sizeof *dx); return OK;
+    SELF; compute(m); memcpy(dx, m->r + DH, n * sizeof *dx); return fails(m, FATAL, NAME(Fatal));
 }
 EXPORT Status fmi2CompletedIntegratorStep(Handle c, Flag prior, Flag *wanted, Flag *end) {
     SELF; (void)prior; *wanted = m->requested = m->i[FAULT] == REQUEST && ++m->steps % 7 == 0; *end = (m->i[FAULT] == END || m->i[FAULT] == END_AFTER) && m->t > 0.5; return OK;
