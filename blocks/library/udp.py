@@ -28,7 +28,7 @@ MAX_PACKET_SIZE = 65_507
 """Largest size of a UDP packet [B]."""
 
 MAX_ELEMENTS = MAX_PACKET_SIZE // 8 - 1
-"""Largest number of elements in a packet, beside the time [-]."""
+"""Largest number of elements in a packet [-]."""
 
 
 class UdpSend(Shaped):

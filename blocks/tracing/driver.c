@@ -67,7 +67,7 @@ static _Thread_local tf_block* tf_blocks;
 
 static void tf_enter(tf_block* blocks) {
   tf_blocks = blocks;
-  TF_EACH(b) b->times[0] = NAN; /* Python may have moved them */
+  TF_EACH(b) b->times[0] = NAN; /* Python may have set another point */
 }
 
 /* Call a function of an FMU; after an error FMI forbids all calls. */

@@ -183,7 +183,7 @@ static int too_late(Model *m) { /* to set what may change at events only */
     EXPORT Status NAME(Get##TYPE)(Handle c, const unsigned vr[], size_t n, VALUE(TYPE) v[] COUNT_ARG) {       \
         SELF; compute(m);                                                                          \
         for (size_t k = 0; k < n; k++) v[k] = m->FIELD[vr[k] % 100];                                     \
-        return fails(m, UNREADABLE, ERROR);                                                        \
+        return fails(m, UNREADABLE, m->r[U] > 0.5, ERROR);                                         \
     }                                                                                              \
     EXPORT Status NAME(Set##TYPE)(Handle c, const unsigned vr[], size_t n, const VALUE(TYPE) v[] COUNT_ARG) { \
         SELF;                                                                                      \
@@ -223,8 +223,8 @@ EXPORT Status NAME(SetTime)(Handle c, double t) {
     m->t = t;
     return OK;
 }
-static Status fails(Model *m, int fault, Status status) {
-    return m->i[FAULT] == fault && m->t > 0.5 ? (m->failed = 1, status) : OK;
+static Status fails(Model *m, int fault, int when, Status status) {
+    return m->i[FAULT] == fault && when ? (m->failed = 1, status) : OK;
 }
 EXPORT Status NAME(SetContinuousStates)(Handle c, const double x[], size_t n) {
     SELF; memcpy(m->r, x, n * sizeof *x); return OK;
@@ -249,7 +249,7 @@ EXPORT Status fmi3GetFloat64(Handle c, const unsigned vr[], size_t n, double v[]
         if (vr[k] >= 100) { memcpy(v, vr[k] == 100 ? m->in : m->out, m->n * sizeof *v); v += m->n; }
         else *v++ = m->r[vr[k]];
     }
-    return fails(m, UNREADABLE, ERROR);
+    return fails(m, UNREADABLE, m->r[U] > 0.5, ERROR);
 }
 EXPORT Status fmi3SetFloat64(Handle c, const unsigned vr[], size_t n, const double v[], size_t nv) {
     SELF; (void)nv;
@@ -293,7 +293,7 @@ EXPORT Status fmi3EnterInitializationMode(Handle c, Flag td, double tol, double 
     SELF; (void)td; (void)tol; (void)sd; (void)stop; m->t = start; return OK;
 }
 EXPORT Status fmi3GetContinuousStateDerivatives(Handle c, double dx[], size_t n) {
-    SELF; compute(m); memcpy(dx, m->r + DH, n * sizeof *dx); return fails(m, FATAL, NAME(Fatal));
+    SELF; compute(m); memcpy(dx, m->r + DH, n * sizeof *dx); return fails(m, FATAL, m->t > 0.5, NAME(Fatal));
 }
 EXPORT Status fmi3CompletedIntegratorStep(Handle c, Flag prior, Flag *wanted, Flag *end) {
     SELF; (void)prior; *wanted = m->requested = m->i[FAULT] == REQUEST && ++m->steps % 7 == 0; *end = (m->i[FAULT] == END || m->i[FAULT] == END_AFTER) && m->t > 0.5; return OK;
@@ -347,7 +347,7 @@ EXPORT Status fmi2SetupExperiment(Handle c, Flag td, double tol, double start, F
 }
 EMPTY(EnterInitializationMode)
 EXPORT Status fmi2GetDerivatives(Handle c, double dx[], size_t n) {
-    SELF; compute(m); memcpy(dx, m->r + DH, n * sizeof *dx); return fails(m, FATAL, NAME(Fatal));
+    SELF; compute(m); memcpy(dx, m->r + DH, n * sizeof *dx); return fails(m, FATAL, m->t > 0.5, NAME(Fatal));
 }
 EXPORT Status fmi2CompletedIntegratorStep(Handle c, Flag prior, Flag *wanted, Flag *end) {
     SELF; (void)prior; *wanted = m->requested = m->i[FAULT] == REQUEST && ++m->steps % 7 == 0; *end = (m->i[FAULT] == END || m->i[FAULT] == END_AFTER) && m->t > 0.5; return OK;

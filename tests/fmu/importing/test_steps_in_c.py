@@ -17,6 +17,7 @@ from trussflow.blocks import (
     Sine,
     Step,
     Sum,
+    TimeFunction,
     TransferFunction,
     ZeroOrderHold,
     simulate,
@@ -45,6 +46,11 @@ class Crossings(Block):
         return {"count": x.count + 1.0}
 
 
+def jump(t):
+    """Return a signal that jumps within steps, without events."""
+    return np.where(t % 0.3 < 0.155, 0.0, 1.0)
+
+
 def mixed(make_fmu, exported, version):
     """Return FMUs with events of every kind, in loops with traced and sampled blocks."""
     diagram = Diagram("mixed")
@@ -55,7 +61,7 @@ def mixed(make_fmu, exported, version):
     )
     diagram.add(ball=ball, stair=stair, relay=relay, rounded=rounded)
     diagram.add(error=Sum("++-"), law=TransferFunction([0.2, 2.0], [0.3, 1.0]))
-    diagram.add(hold=ZeroOrderHold(0.25), jump=Step(0.73), total=Sum("++"))
+    diagram.add(hold=ZeroOrderHold(0.25), jump=TimeFunction(jump), total=Sum("++"))
     diagram.add(sine=Sine(frequency=11.0), crossings=Crossings())
     lag = series("step_lag", lag=TransferFunction([1.0], [0.05, 1.0]))
     lag.expose(u=lag.lag.u, y=lag.lag.y)
@@ -126,16 +132,19 @@ def test_python_takes_only_the_steps_with_events(
     "fault, message",
     [
         (END, r"asks to end the run at t = 0\.51 s"),
-        (FATAL, r"FMU 'ball': fmi\dGet\w*Derivatives returned status 'fatal'"),
-        (UNREADABLE, r"FMU 'ball': fmi\dGet(Real|Float64) returned status 'error'"),
+        (FATAL, r"FMU 'relay': fmi\dGet\w*Derivatives returned status 'fatal'"),
+        (UNREADABLE, r"FMU 'relay': fmi\dGet(Real|Float64) returned status 'error'"),
     ],
 )
 def test_faults_in_c_are_those_in_python(
     make_fmu, version, fault, message, monkeypatch
 ):
     """After an error, another call would end this process."""
-    ball = Fmu(make_fmu("ball", version), kind="me", parameters={"fault": fault})
-    diagram = series(fmu=ball)
+    relay = Fmu(make_fmu("relay", version), kind="me", parameters={"fault": fault})
+    diagram = series(jump=Step(0.3), hold=ZeroOrderHold(0.1))
+    diagram.add(relay=relay)
+    diagram.hold >> relay.u
+    diagram.ground(relay.d)
     failures = []
     for _ in range(2):
         with pytest.raises(FmuError, match=message) as caught:
