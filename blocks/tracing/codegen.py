@@ -196,7 +196,7 @@ def content(programs: Sequence[Program], lanes: int = 1, variable: bool = False)
     """
     # The text includes the generator itself: a new version must not find old libraries.
     parts = ["codegen.py", "instructions.py", "loop_rerolling.py", "operations.py"]
-    parts += ["fma.h", "lanes.h", *FIXED_STEP_FILES]
+    parts += ["fma.h", "lanes.h", "driver.c", *FIXED_STEP_FILES]
     if variable:
         parts += ["tableaus.py", "variable_step.py", *VARIABLE_FILES]
     return "\0".join(
