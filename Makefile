@@ -72,8 +72,11 @@ modes: $(VENV)/runtime.stamp
 # campaign tests; examples, reports and benchmarks run optimized code.
 RUN_TESTS := TRUSSFLOW_CFLAGS=-O0 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS)
 
+# Rules about the code itself, which `make check` tests.
+RULES := $(addprefix tests/test_, architecture.py docstrings.py documents.py prose.py)
+
 test: $(VENV)/dev.stamp
-	$(RUN_TESTS) --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
+	$(RUN_TESTS) --dist loadfile --no-loadscope-reorder $(addprefix --ignore=, $(RULES)) $(PYTEST_ARGS)
 
 campaign: $(VENV)/dev.stamp
 	CAMPAIGN=$(CAMPAIGN) $(RUN_TESTS) --dist worksteal -m "campaign or hypothesis" --hypothesis-profile=campaign $(PYTEST_ARGS)
@@ -90,8 +93,6 @@ environment-oldest:
 
 test-oldest: environment-oldest
 	$(MAKE) test VENV=$(OLDEST) EXTRA=test PYTEST_ARGS='-W default $(OLDEST_TESTS)'
-
-RULES := $(addprefix tests/test_, architecture.py docstrings.py documents.py prose.py)
 
 check: $(VENV)/dev.stamp
 	$(BIN)/ruff check
