@@ -112,8 +112,7 @@ def c_sources(
         *(f"{_HIDDEN}{piece.partition(' {')[0]};" for piece in apart),
         *functions,
         *([definitions(jacobian)] if variable else []),
-        *map(c_file, VARIABLE_FILES if variable else FIXED_STEP_FILES),
-        c_file("driver.c"),
+        *map(c_file, _simulation_files(variable)),
     ]
     others = [
         [vectors, *(piece for _, piece in group)]
@@ -182,6 +181,11 @@ def _parameters(numbers: Numbers) -> str:
     return ", ".join([*given, f"{numbers.type}* restrict result"])
 
 
+def _simulation_files(variable: bool) -> tuple[str, ...]:
+    """Return the files with C code after the programs of a simulation; for `variable` see `c_sources`."""
+    return (*(VARIABLE_FILES if variable else FIXED_STEP_FILES), "driver.c")
+
+
 def content(programs: Sequence[Program], lanes: int = 1, variable: bool = False) -> str:
     """Return a text that determines the C sources of programs; it is faster to make than the sources.
 
@@ -196,9 +200,9 @@ def content(programs: Sequence[Program], lanes: int = 1, variable: bool = False)
     """
     # The text includes the generator itself: a new version must not find old libraries.
     parts = ["codegen.py", "instructions.py", "loop_rerolling.py", "operations.py"]
-    parts += ["fma.h", "lanes.h", "driver.c", *FIXED_STEP_FILES]
+    parts += ["fma.h", "lanes.h", *_simulation_files(variable)]
     if variable:
-        parts += ["tableaus.py", "variable_step.py", *VARIABLE_FILES]
+        parts += ["tableaus.py", "variable_step.py"]
     return "\0".join(
         [str(lanes), *(program.code for program in programs), *map(c_file, parts)]
     )
