@@ -61,6 +61,10 @@ class MeanAxesDesign:
         Process noise density of each free mode [kg^½·m/s²/√Hz].
     disturbance_noise : Vector, shape (3,)
         Process noise density of the rate of disturbance accelerations [m/s³/√Hz, rad/s³/√Hz].
+    sudden_noise_factor : float
+        Factor of disturbance_noise while the innovation of the pose is above sudden_threshold [-].
+    sudden_threshold : float
+        Innovation of the pose by which a sudden disturbance shows, in standard deviations of the noise [-].
     position_noise, rate_noise : float
         Standard deviations of measured positions and of measured rates [m and rad, m/s and rad/s].
     innovation_gate : float
@@ -104,6 +108,8 @@ class MeanAxesDesign:
     acceleration_noise: Vector
     modal_noise: float
     disturbance_noise: Vector
+    sudden_noise_factor: float
+    sudden_threshold: float
     position_noise: float
     rate_noise: float
     innovation_gate: float
@@ -187,7 +193,7 @@ class MeanAxesDesign:
         """
         return np.repeat(values, (3, 3, rigid - 6))
 
-    def estimator_gain(self, modes: FreeModes) -> Vector:
+    def estimator_gain(self, modes: FreeModes, noise_factor: float = 1.0) -> Vector:
         r"""Return the steady-state Kalman gain of the system at rest.
 
         The states are :math:`(y, \dot y, \eta, \dot\eta, w)` with :math:`G \ddot y = u + w`, the measurements
@@ -197,6 +203,8 @@ class MeanAxesDesign:
         ----------
         modes : FreeModes
             Free modes, at least the estimated ones.
+        noise_factor : float
+            Factor of the process noise of disturbances [-].
 
         Returns
         -------
@@ -217,7 +225,7 @@ class MeanAxesDesign:
         density = np.zeros(len(A))
         density[rate] = self.of_groups(self.acceleration_noise, m) ** 2
         density[eta_rate] = self.modal_noise**2
-        density[extra] = self.of_groups(self.disturbance_noise, m) ** 2
+        density[extra] = self.of_groups(noise_factor * self.disturbance_noise, m) ** 2
         C = np.zeros((2 * m, len(A)))
         C[:m, y] = C[m:, rate] = np.eye(m)
         # Measured is the truss frame, which moves relative to the mean axes with the

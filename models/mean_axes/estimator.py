@@ -102,6 +102,10 @@ class MeanAxesEstimator(MeanAxesBlock):
     (to first order, exact for the modes) uses the actuation until then. The outputs are the prediction. So a
     command acts one sample after its last measurement, at the time for which it is computed.
 
+    An innovation of the pose far above noise shows a sudden disturbance, such as a failed base or an open
+    valve. The gain is then that for a larger process noise of the disturbance (adjustable level of process
+    noise).
+
     Speeds and disturbances are bounded, so that no finite measurement makes the estimate diverge.
 
     Parameters
@@ -121,6 +125,10 @@ class MeanAxesEstimator(MeanAxesBlock):
     See Also
     --------
     trussflow.models.mean_axes.free_modes : Definitions of S, Ω and B.
+
+    References
+    ----------
+    Bar-Shalom, Li, Kirubarajan (2001), *Estimation with Applications to Tracking and Navigation*, section 11.2.
     """
 
     position = Input(
@@ -157,6 +165,12 @@ class MeanAxesEstimator(MeanAxesBlock):
     gain = Parameter(
         shape=("estimated", "measured"), meaning="correction per innovation"
     )
+    sudden_gain = Parameter(
+        shape=("estimated", "measured"), meaning="the same after a sudden disturbance"
+    )
+    sudden_innovation = Parameter(
+        above=0.0, unit="m", meaning="innovation of the pose above which it is used"
+    )
 
     def __init__(
         self,
@@ -187,6 +201,8 @@ class MeanAxesEstimator(MeanAxesBlock):
             initial_position=start,
             initial_posture=start[dynamics.attitude.end :],
             gain=design.estimator_gain(free),
+            sudden_gain=design.estimator_gain(free, design.sudden_noise_factor),
+            sudden_innovation=design.sudden_threshold * design.position_noise,
         )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -211,7 +227,8 @@ class MeanAxesEstimator(MeanAxesBlock):
                 u.velocity - x.nu + self.root_motion @ x.eta_rate,
             ]
         )
-        step = p.gain @ innovation
+        sudden = np.max(np.abs(innovation[:6])) > p.sudden_innovation
+        step = np.where(sudden, p.sudden_gain, p.gain) @ innovation
         # The correction is in truss axes, as speeds are; `kinematics` maps it to
         # coordinates.
         y = normalized(kind, x.y + self.dynamics.kinematics(x.y, step[:m]))

@@ -18,6 +18,9 @@ from trussflow.models.plant.truss_block import ACTUATOR_UNITS
 PATTERN_SAMPLES = 4
 """Samples per period: +, -, -, +. With two, the filter of the fault detection would reduce the effect [-]."""
 
+DRIVE_DELAY = 1
+"""Samples by which drives are excited later than bases, a quarter of a period [-]."""
+
 NULL_SPACE_TOLERANCE = 1e-9
 """Relative tolerance of zero force on the truss [-]."""
 
@@ -33,8 +36,8 @@ class ActuatorExcitation(MeanAxesBlock):
     null space of the acceleration of the truss frame r at rest, so that there is no force on the truss and
     no mode is excited. In this null space d has the largest effect on the joint rates per torque, weighted
     with the covariance R of `FaultDetection`. So the effect in each sample is v standard deviations. A part
-    with an empty null space is not excited. The sign of the drives is that which opposes the effect of the
-    base on the arm. So the failure of a whole robot differs from the failures of its parts.
+    with an empty null space is not excited. The signs of base and drives are in quadrature: their effects on
+    the arm may have the same direction, but are uncorrelated in time.
 
     At other joint angles, or with a locked arm, there is a small force on the truss.
 
@@ -79,17 +82,14 @@ class ActuatorExcitation(MeanAxesBlock):
                 # The most visible combination, scaled to one standard deviation of the
                 # noise.
                 self.shape[torques] = still @ ways[0] / shown[0]
-        of_bases, of_drives = np.split(
-            seen @ (self.shape.reshape(-1, 1) * monitor.members), 2, axis=1
-        )
-        signs = np.where(np.sum(of_bases * of_drives, axis=0) > 0.0, -1.0, 1.0)
-        self.shape *= monitor.members @ np.append(np.ones(len(signs)), signs)
+        drives = np.arange(dynamics.actuators) >= 6 * len(dynamics.arms)
+        self.delay = np.where(drives, DRIVE_DELAY, 0)
         super().__init__(dynamics, design, strength=design.probe)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the torques of this sample."""
         # If the pattern began with two positive samples, the joints would drift in one direction.
-        phase = 2.0 * np.pi * (t / (PATTERN_SAMPLES * self.design.sample_time) + 0.375)
-        return {
-            "probe": np.where(np.sin(phase) > 0.0, 1.0, -1.0) * p.strength * self.shape
-        }
+        count = t / self.design.sample_time - self.delay
+        positive = np.sin(2.0 * np.pi * (count / PATTERN_SAMPLES + 0.375)) > 0.0
+        signs = np.where(count > -0.5, np.where(positive, 1.0, -1.0), 0.0)
+        return {"probe": signs * p.strength * self.shape}

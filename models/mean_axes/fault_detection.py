@@ -39,7 +39,10 @@ MAX_LOST_SHARE = 1.35
 """Lost share of a base above which the cause is none of the hypotheses [-]."""
 
 FRAME_THRESHOLD = 2.5
-"""Threshold of the lost share of the base of a held arm, in standard deviations [-]."""
+"""Threshold of the lost share of the base of a held arm, and lead over others, in standard deviations [-]."""
+
+RECENTLY_HELD = 0.1
+"""Value of `held_arms` 2.3 s after the arm was held [-]."""
 
 SETTLING_TIME = 3.0
 """Time after a verdict without new ones, in which the vibration by the other commands decays [s]."""
@@ -70,13 +73,14 @@ class FaultDetection(MeanAxesBlock):
     * A base is isolated only if it is `dispensable`, as all are by default. Bases without which the mission
       is infeasible should not be. While such a loss is the most significant one, no other base is isolated.
     * An arm that follows neither base nor drives is held, by its brakes or by friction. Its base is tested with
-      the innovations of the truss frame alone.
+      the innovations of the truss frame alone. Bases have similar effects on it: the most significant lost
+      share has to lead by the threshold over those of other arms that are or were held in the last 2.3 s.
     * If the residual is larger than noise, or more than the whole effect is lost, the cause is none of these,
       and no base is isolated.
     * If most of the bases in use lose effect, the cause is common, and no base is isolated: without them the
       others could not move the truss.
     * A failed base still receives the excitation. If both estimates show its response, it is used again.
-    * While the vibration after a verdict decays, no other verdict follows.
+    * While the vibration after a verdict decays, no other base is isolated.
 
     Drives are never switched off: a held arm needs no torques, and a healthy one needs its own.
 
@@ -136,7 +140,7 @@ class FaultDetection(MeanAxesBlock):
     frame_match = State("robots", meaning="its product with lambda")
     lost = State("parts", meaning="lambda")
     deviations = State("robots", meaning="lost shares in standard deviations")
-    held_arms = State("robots", meaning="1 for held arms")
+    held_arms = State("robots", meaning="1 for held arms, then decays")
     residual = State(initial=1.0, meaning="relative variance of the residual")
     suspected = State("robots", meaning="1 for bases that seem to have failed")
     failed = State("robots", meaning="1 for failed bases")
@@ -190,9 +194,10 @@ class FaultDetection(MeanAxesBlock):
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return health and estimates."""
         health = np.concatenate([1.0 - x.failed, np.ones(self.robots)])
+        held = np.where(x.held_arms < 1.0, 0.0, 1.0)
         return {
             "effectiveness": self.members @ health,
-            "held": self.members[6 * self.robots :, self.robots :] @ x.held_arms,
+            "held": self.members[6 * self.robots :, self.robots :] @ held,
             "lost_shares": x.lost,
             "evidence": x.deviations,
             "unexplained": x.residual,
@@ -267,7 +272,12 @@ class FaultDetection(MeanAxesBlock):
         variances = np.stack([variance, recent_variance])[:, :robots]
         spreads = np.sqrt(noise * np.where(held, frame_variance, variances))
         deviations = shares / spreads
-        margins = np.where(held, FRAME_THRESHOLD, p.threshold) * spreads
+        held_arms = np.where(held, 1.0, FRAME_MEMORY * x.held_arms)
+        frame_deviations = frame_lost / np.sqrt(noise * frame_variance)
+        rivals = np.where(held_arms > RECENTLY_HELD, frame_deviations, 0.0)
+        others = np.where(np.eye(robots) > 0.0, 0.0, rivals)
+        lead = FRAME_THRESHOLD + np.max(others, axis=1)
+        margins = np.where(held, lead, p.threshold) * spreads
         limits = [np.maximum(FAILED, margins[0]), SUDDENLY_FAILED + margins[1]]
         possible = np.logical_or(held, shares < MAX_LOST_SHARE)
         likely = np.logical_and(shares > np.stack(limits), possible)
@@ -280,8 +290,7 @@ class FaultDetection(MeanAxesBlock):
         suspected = np.where(np.logical_and(rank > 0.0, rank >= np.max(rank)), 1.0, 0.0)
         confirmed = suspected * x.suspected * p.dispensable
         largest = np.max(np.where(held, 1.0, shares + 2.0 * spreads), axis=0)
-        works = np.logical_and(largest < WORKING, explained)
-        failed = np.where(works, 0.0, np.maximum(x.failed, confirmed))
+        failed = np.where(largest < WORKING, 0.0, np.maximum(x.failed, confirmed))
         return {
             "rates": predicted + self.gains * innovation,
             "drift": x.drift + self.drift_gains * innovation,
@@ -296,7 +305,7 @@ class FaultDetection(MeanAxesBlock):
             "frame_match": frame_match,
             "lost": lost,
             "deviations": deviations[0],
-            "held_arms": np.where(held, 1.0, 0.0),
+            "held_arms": held_arms,
             "residual": residual,
             "suspected": suspected,
             "failed": failed,

@@ -3,8 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.testing import assert_array_equal
 
-from trussflow.blocks import Constant, Diagram, simulate
+from trussflow.blocks import Constant, Diagram, Session, simulate
 from trussflow.models import MeanAxesDesign, MeanAxesEstimator, SpaceTruss
 
 
@@ -47,3 +48,44 @@ def test_prediction_is_of_first_order():
         errors.append(np.abs(position - predicted).max())
     assert errors[0] < 1e-2
     assert 0.8 < np.log2(errors[0] / errors[1]) < 1.2
+
+
+ORDINARY = {"MeanAxesEstimator.sudden_innovation": 1e9}
+"""Parameter without the change of the gain."""
+
+
+def disturbances(acceleration, noise, parameters=None):
+    """Return the estimated and the true disturbance after 1.5 s of constant acceleration along z."""
+    dynamics, design = SpaceTruss.consistent().dynamics, MeanAxesDesign.shipped()
+    rng, rest = np.random.default_rng(1), dynamics.rest[: dynamics.rigid_coordinates]
+    along = np.eye(len(rest))[2]
+    session = Session(MeanAxesEstimator(dynamics, design), step=design.sample_time)
+    with session:
+        session.start(inputs={"position": rest}, parameters=parameters)
+        for time in design.sample_time * np.arange(1, 76):
+            session.advance(time)
+            session.set(
+                position=rest
+                + 0.5 * acceleration * time**2 * along
+                + noise * rng.standard_normal(len(rest)),
+                velocity=acceleration * time * along
+                + noise * rng.standard_normal(len(rest)),
+            )
+        return session.outputs["disturbance"], acceleration * along
+
+
+def test_a_sudden_disturbance_is_estimated_fast():
+    """Within 1.5 s; without the change of the gain it takes much longer."""
+    rigid = SpaceTruss.consistent().dynamics.without_modes()
+    mass = rigid.evaluate(rigid.rest).mass_matrix[2, 2]
+    errors = []
+    for parameters in (None, ORDINARY):
+        found, wanted = disturbances(0.02, 0.0, parameters)
+        errors.append(abs(found[2] / (mass * wanted[2]) - 1.0))
+    assert errors[0] < 0.05
+    assert errors[1] > 0.7
+
+
+def test_noise_is_no_sudden_disturbance():
+    ordinary, _ = disturbances(0.0, 1e-4, ORDINARY)
+    assert_array_equal(disturbances(0.0, 1e-4)[0], ordinary)

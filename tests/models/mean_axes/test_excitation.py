@@ -41,7 +41,7 @@ def probed(dynamics=DYNAMICS, design=DESIGN, samples=1):
 
 
 def test_neither_the_root_nor_a_mode_feels_it():
-    probe = probed()[0]
+    probe = probed(samples=2)[1]
     felt = np.append(RESPONSE[:6] @ probe, MODES.influence @ probe)
     could = np.append(
         np.abs(RESPONSE[:6]) @ np.abs(probe), np.abs(MODES.influence) @ np.abs(probe)
@@ -52,7 +52,7 @@ def test_neither_the_root_nor_a_mode_feels_it():
 
 @pytest.mark.parametrize("strength", [1.0, DESIGN.probe])
 def test_each_part_stands_out_alike(strength):
-    probe = probed(design=replace(DESIGN, probe=strength))[0]
+    probe = probed(design=replace(DESIGN, probe=strength), samples=2)[1]
     for mine in PARTS:
         change = STEP * RESPONSE[6:] @ np.where(mine, probe, 0.0)
         assert np.sqrt(change @ MONITOR.precision @ change) == pytest.approx(
@@ -62,7 +62,7 @@ def test_each_part_stands_out_alike(strength):
 
 def test_no_other_torques_of_a_part_stand_out_more(rng):
     """Of those that leave the root alone, and are as large."""
-    probe, drives = probed()[0], np.flatnonzero(PARTS[5])
+    probe, drives = probed(samples=2)[1], np.flatnonzero(PARTS[5])
     still = np.linalg.svd(RESPONSE[:6, drives])[2][3:].T
     assert_near(
         RESPONSE[:6, drives] @ still, 0.0, 1e-9 * np.abs(RESPONSE[:6, drives]).max()
@@ -77,13 +77,21 @@ def test_no_other_torques_of_a_part_stand_out_more(rng):
 @pytest.mark.parametrize("time", [0.02, 0.05])
 def test_joints_that_rest_come_back_to_where_they_are(time):
     """Up, down, down, up: from rest their mean speed is none, and after a period they are back."""
-    all_of_it = probed(design=replace(DESIGN, sample_time=time), samples=400)
-    signs = np.sign(all_of_it[:, np.argmax(np.abs(all_of_it[0]))])
-    assert_array_equal(signs * signs[0], np.tile([1.0, -1.0, -1.0, 1.0], 100))
-    speeds = np.cumsum(all_of_it, axis=0)
-    ways = np.cumsum(speeds - all_of_it / 2.0, axis=0)
-    for each in (speeds, ways):
-        assert_near(each[3::4], 0.0, 1e-12 * np.abs(ways).max())
+    probe = probed(design=replace(DESIGN, sample_time=time), samples=401)
+    assert not probe[0, 24:].any()
+    for torques in (probe[:400, :24], probe[1:, 24:]):
+        signs = np.sign(torques[:, np.argmax(np.abs(torques[0]))])
+        assert_array_equal(signs * signs[0], np.tile([1.0, -1.0, -1.0, 1.0], 100))
+        speeds = np.cumsum(torques, axis=0)
+        ways = np.cumsum(speeds - torques / 2.0, axis=0)
+        for each in (speeds, ways):
+            assert_near(each[3::4], 0.0, 1e-12 * np.abs(ways).max())
+
+
+def test_bases_and_drives_are_excited_in_quadrature():
+    """Otherwise losses of both could cancel each other, where their effects have the same direction."""
+    signs = np.sign(probed(samples=5)[1:])
+    assert_array_equal(signs[:, :24].T @ signs[:, 24:], 0.0)
 
 
 def test_none_at_no_strength_and_of_robots_without_enough_joints(random_system):
@@ -94,7 +102,8 @@ def test_none_at_no_strength_and_of_robots_without_enough_joints(random_system):
         assert not probed(
             random_system((joints, joints), none, elastic_integrals=True)
         ).any()
-    probe = probed(random_system((7, 4), none, elastic_integrals=True))[0]
+    system = random_system((7, 4), none, elastic_integrals=True)
+    probe = probed(system, samples=2)[1]
     assert_array_equal(np.flatnonzero(probe), np.arange(12, 19))
 
 

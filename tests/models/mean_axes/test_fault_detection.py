@@ -329,14 +329,14 @@ def test_a_dispensable_base_is_isolated_after_two_samples(before, dispensable):
         (1.0, 0.0, 0.0, 0.0, 1.0, False),
         (0.0, 1.0, 0.0, 0.0, 1.0, False),
         (0.0, 0.0, 1.0, 0.0, 1.0, False),
-        (0.0, 0.0, 0.0, 1.0, 1.0, False),
-        (0.0, 0.0, 0.0, 0.0, 9.0, False),
+        (0.0, 0.0, 0.0, 1.0, 1.0, True),
+        (0.0, 0.0, 0.0, 0.0, 9.0, True),
     ],
 )
 def test_a_failed_base_is_used_again_if_both_estimates_agree(
     lost, recent, braked, settling, residual, used
 ):
-    """It stays isolated after a recent verdict, with an unexplained residual, or with a braked arm."""
+    """It stays isolated with a braked arm. A wrong verdict is taken back at once."""
     x, u, p = quiet(MONITOR)
     x["failed"] = np.eye(4)[0]
     x["settling"], x["residual"] = np.array(settling), np.array(residual)
@@ -346,6 +346,24 @@ def test_a_failed_base_is_used_again_if_both_estimates_agree(
         x[prefix + "match"] = 1e4 * (share * np.eye(8)[0] + braked * np.eye(8)[4])
     after = MONITOR.update(np.array(0.0), x, u, p)
     assert_array_equal(after["failed"], np.eye(4)[0] * (not used))
+
+
+@pytest.mark.parametrize(
+    "rival, held, suspected",
+    [(0.88, 1.0, 0.0), (0.88, 0.12, 0.0), (0.88, 0.08, 1.0), (0.8, 1.0, 1.0)],
+)
+def test_the_base_of_a_held_arm_leads_over_those_of_others(rival, held, suspected):
+    """By 2.5 standard deviations of 0.01, if the arm of the other base was held a short time ago."""
+    x, u, p = quiet(MONITOR)
+    x["information"], x["match"] = 1e4 * np.eye(8), 1e4 * np.eye(8)[4]
+    x["frame_information"] = 1e4 * np.ones(4)
+    x["frame_match"] = 1e4 * np.array([0.9, rival, 0.0, 0.0])
+    x["held_arms"] = held * np.eye(4)[1]
+    shown = MONITOR.output(np.array(0.0), x, u, p)["held"]
+    assert_array_equal(shown, np.repeat((x["held_arms"] == 1.0) * 1.0, 7))
+    after = MONITOR.update(np.array(0.0), x, u, p)
+    assert_array_equal(after["suspected"], suspected * np.eye(4)[0])
+    assert_allclose(after["held_arms"], np.array([1.0, 0.98 * held, 0.0, 0.0]))
 
 
 @pytest.mark.parametrize("prefix", ["", "recent_"])
