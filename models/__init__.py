@@ -32,6 +32,7 @@ from trussflow.models.mean_axes.excitation import (
 from trussflow.models.mean_axes.fault_detection import FaultDetection as FaultDetection
 from trussflow.models.mean_axes.free_modes import FreeModes as FreeModes
 from trussflow.models.mean_axes.law import MeanAxesLaw as MeanAxesLaw
+from trussflow.models.mean_axes.slowdown import PathSlowdown as PathSlowdown
 from trussflow.models.mean_axes.validity import CommandHold as CommandHold
 from trussflow.models.mean_axes.validity import MeasurementGate as MeasurementGate
 from trussflow.models.parameter_files import ParameterTable as ParameterTable

@@ -15,6 +15,7 @@ from trussflow.models.mean_axes.estimator import MeanAxesEstimator
 from trussflow.models.mean_axes.excitation import ActuatorExcitation
 from trussflow.models.mean_axes.fault_detection import FaultDetection
 from trussflow.models.mean_axes.law import MeanAxesLaw
+from trussflow.models.mean_axes.slowdown import PathSlowdown
 from trussflow.models.mean_axes.validity import CommandHold, MeasurementGate
 
 
@@ -45,9 +46,9 @@ def mean_axes_controller(
         their limits. Optional inputs: valid, 1 if the measured pose is valid; servo_torque, the mean torques
         of joint servos in the last sample, which the fault detection needs; the propellant used by each base
         and the momentum of its wheels, to reduce both. Outputs: command; command_valid, 0 while the last
-        finite command is held; missed; effectiveness; held, 1 for joints of arms that do not follow their
-        drives; unexplained; outage, the time without an accepted pose; mean_position, mean_speeds,
-        modal_coordinate and disturbance.
+        finite command is held; missed; share of the path's acceleration, by `PathSlowdown`; effectiveness;
+        held, 1 for joints of arms that do not follow their drives; unexplained; outage, the time without an
+        accepted pose; mean_position, mean_speeds, modal_coordinate and disturbance.
 
     Raises
     ------
@@ -59,16 +60,19 @@ def mean_axes_controller(
     design = MeanAxesDesign.shipped() if design is None else design
     controller = Diagram("mean-axes controller")
     monitor = FaultDetection(believed, design)
-    gate, estimator, law, allocation, left, economy, probe, _, hold = controller.add(
-        gate=MeasurementGate(believed, design),
-        estimator=MeanAxesEstimator(believed, design, start),
-        law=MeanAxesLaw(believed, design),
-        allocation=MeanAxesAllocation(believed, limits, design),
-        left=Operation(np.multiply).sampled(design.sample_time),
-        economy=ActuatorCosts(believed, limits, design),
-        probe=ActuatorExcitation(believed, design, monitor),
-        monitor=monitor,
-        hold=CommandHold(believed, design),
+    (gate, estimator, law, allocation, left, economy, probe, _, hold, slowdown) = (
+        controller.add(
+            gate=MeasurementGate(believed, design),
+            estimator=MeanAxesEstimator(believed, design, start),
+            law=MeanAxesLaw(believed, design),
+            allocation=MeanAxesAllocation(believed, limits, design),
+            left=Operation(np.multiply).sampled(design.sample_time),
+            economy=ActuatorCosts(believed, limits, design),
+            probe=ActuatorExcitation(believed, design, monitor),
+            monitor=monitor,
+            hold=CommandHold(believed, design),
+            slowdown=PathSlowdown(believed, limits, design),
+        )
     )
     for name in (
         "mean_position",
@@ -91,6 +95,7 @@ def mean_axes_controller(
     left.y >> estimator.actuation
     probe.probe >> allocation.probe
     allocation.command >> hold.request
+    allocation.missed >> slowdown.missed
     economy.price >> allocation.price
     economy.preferred >> allocation.preferred
     controller.expose(
@@ -108,6 +113,7 @@ def mean_axes_controller(
         command_valid=hold.command_valid,
         outage=gate.outage,
         missed=allocation.missed,
+        share=slowdown.share,
         mean_position=estimator.mean_position,
         mean_speeds=estimator.mean_speeds,
         modal_coordinate=estimator.modal_coordinate,
