@@ -46,9 +46,9 @@ def mean_axes_controller(
         their limits. Optional inputs: valid, 1 if the measured pose is valid; servo_torque, the mean torques
         of joint servos in the last sample, which the fault detection needs; the propellant used by each base
         and the momentum of its wheels, to reduce both. Outputs: command; command_valid, 0 while the last
-        finite command is held; missed; share of the path's acceleration, by `PathSlowdown`; effectiveness;
-        held, 1 for joints of arms that do not follow their drives; unexplained; outage, the time without an
-        accepted pose; mean_position, mean_speeds, modal_coordinate and disturbance.
+        finite command is held; missed; share, the available share of the path's acceleration (`PathSlowdown`);
+        effectiveness; held, 1 for joints of arms that do not follow their drives; unexplained; outage, the time
+        without an accepted pose; mean_position, mean_speeds, modal_coordinate and disturbance.
 
     Raises
     ------

@@ -62,9 +62,9 @@ class MeanAxesDesign:
     disturbance_noise : Vector, shape (3,)
         Process noise density of the rate of disturbance accelerations [m/s³/√Hz, rad/s³/√Hz].
     sudden_noise_factor : float
-        Factor of disturbance_noise while the innovation of the pose is above sudden_threshold [-].
+        Factor of disturbance_noise in the estimator gain after a sudden disturbance [-].
     sudden_threshold : float
-        Innovation of the pose by which a sudden disturbance shows, in standard deviations of the noise [-].
+        Innovation of the pose above which a disturbance is sudden, in multiples of position_noise [-].
     position_noise, rate_noise : float
         Standard deviations of measured positions and of measured rates [m and rad, m/s and rad/s].
     innovation_gate : float

@@ -103,8 +103,8 @@ class MeanAxesEstimator(MeanAxesBlock):
     command acts one sample after its last measurement, at the time for which it is computed.
 
     An innovation of the pose far above noise shows a sudden disturbance, such as a failed base or an open
-    valve. The gain is then that for a larger process noise of the disturbance (adjustable level of process
-    noise).
+    valve. In such samples the gain is that for a larger process noise of the disturbance (adjustable level of
+    process noise).
 
     Speeds and disturbances are bounded, so that no finite measurement makes the estimate diverge.
 
@@ -166,10 +166,12 @@ class MeanAxesEstimator(MeanAxesBlock):
         shape=("estimated", "measured"), meaning="correction per innovation"
     )
     sudden_gain = Parameter(
-        shape=("estimated", "measured"), meaning="the same after a sudden disturbance"
+        shape=("estimated", "measured"), meaning="gain after a sudden disturbance"
     )
     sudden_innovation = Parameter(
-        above=0.0, unit="m", meaning="innovation of the pose above which it is used"
+        above=0.0,
+        unit="m",
+        meaning="pose innovation above which sudden_gain applies [m, rad]",
     )
 
     def __init__(

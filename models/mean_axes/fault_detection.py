@@ -45,7 +45,7 @@ RECENTLY_HELD = 0.1
 """Value of `held_arms` 2.3 s after the arm was held [-]."""
 
 SETTLING_TIME = 3.0
-"""Time after a verdict without new ones, in which the vibration by the other commands decays [s]."""
+"""Time after an isolation without another one, in which the vibration by the other commands decays [s]."""
 
 UNEXPLAINED_VARIANCE = 3.0
 """Relative variance above which a sample shows a sudden failure, or a residual has another cause [-]."""
@@ -73,14 +73,15 @@ class FaultDetection(MeanAxesBlock):
     * A base is isolated only if it is `dispensable`, as all are by default. Bases without which the mission
       is infeasible should not be. While such a loss is the most significant one, no other base is isolated.
     * An arm that follows neither base nor drives is held, by its brakes or by friction. Its base is tested with
-      the innovations of the truss frame alone. Bases have similar effects on it: the most significant lost
-      share has to lead by the threshold over those of other arms that are or were held in the last 2.3 s.
+      the innovations of the truss frame alone, on which bases have similar effects. So its lost share, in
+      standard deviations, must exceed that of every other arm held now or in the last 2.3 s by the threshold.
     * If the residual is larger than noise, or more than the whole effect is lost, the cause is none of these,
       and no base is isolated.
     * If most of the bases in use lose effect, the cause is common, and no base is isolated: without them the
       others could not move the truss.
-    * A failed base still receives the excitation. If both estimates show its response, it is used again.
-    * While the vibration after a verdict decays, no other base is isolated.
+    * A failed base still receives the excitation. If both estimates show its response, it is used again
+      at once.
+    * While the vibration after an isolation decays, no other base is isolated.
 
     Drives are never switched off: a held arm needs no torques, and a healthy one needs its own.
 
@@ -144,7 +145,7 @@ class FaultDetection(MeanAxesBlock):
     residual = State(initial=1.0, meaning="relative variance of the residual")
     suspected = State("robots", meaning="1 for bases that seem to have failed")
     failed = State("robots", meaning="1 for failed bases")
-    settling = State(unit="s", meaning="remaining time without verdicts")
+    settling = State(unit="s", meaning="remaining time without isolations")
 
     threshold = Parameter(
         above=0.0, meaning="significant lost share, in standard deviations"

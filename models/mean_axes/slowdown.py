@@ -28,8 +28,8 @@ class PathSlowdown(MeanAxesBlock):
 
     A demand on the truss that is missed for so long is probably infeasible, for example after a failure.
     With the output `share` of the controller connected to the input `share` of the path (`RetimedQuintic`),
-    the path becomes slower and arrives later. The share does not grow again. A demand counts as missed if a
-    component differs by 2 % of the largest force or torque of all actuators together.
+    the path becomes slower and arrives later. The share does not grow again. A demand counts as missed if the
+    missing part of a component is above 2 % of the largest force or torque of all actuators together.
 
     Parameters
     ----------
