@@ -36,8 +36,9 @@ class ActuatorExcitation(MeanAxesBlock):
     null space of the acceleration of the truss frame r at rest, so that there is no force on the truss and
     no mode is excited. In this null space d has the largest effect on the joint rates per torque, weighted
     with the covariance R of `FaultDetection`. So the effect in each sample is v standard deviations. A part
-    with an empty null space is not excited. The signs of base and drives are in quadrature: their effects on
-    the arm may have the same direction, but are uncorrelated in time.
+    with an empty null space is not excited. The drives are excited a quarter of a period later than
+    the bases (in quadrature). So the effects of both on the arm are uncorrelated in time, also if they have
+    the same direction.
 
     At other joint angles, or with a locked arm, there is a small force on the truss.
 
@@ -82,14 +83,14 @@ class ActuatorExcitation(MeanAxesBlock):
                 # The most visible combination, scaled to one standard deviation of the
                 # noise.
                 self.shape[torques] = still @ ways[0] / shown[0]
-        drives = np.arange(dynamics.actuators) >= 6 * len(dynamics.arms)
-        self.delay = np.where(drives, DRIVE_DELAY, 0)
+        sizes = [6 * len(dynamics.arms), dynamics.joints]
+        self.delay = np.repeat([0, DRIVE_DELAY], sizes)
         super().__init__(dynamics, design, strength=design.probe)
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
         """Return the torques of this sample."""
         # If the pattern began with two positive samples, the joints would drift in one direction.
         count = t / self.design.sample_time - self.delay
-        positive = np.sin(2.0 * np.pi * (count / PATTERN_SAMPLES + 0.375)) > 0.0
-        signs = np.where(count > -0.5, np.where(positive, 1.0, -1.0), 0.0)
+        signs = np.sign(np.sin(2.0 * np.pi * (count / PATTERN_SAMPLES + 0.375)))
+        signs = np.where(count > -0.5, signs, 0.0)
         return {"probe": signs * p.strength * self.shape}
