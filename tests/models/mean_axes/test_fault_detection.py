@@ -313,13 +313,18 @@ def test_the_most_significant_loss_comes_first():
 
 @pytest.mark.parametrize("dispensable", [1.0, 0.0])
 @pytest.mark.parametrize("before", [0.0, 1.0])
-def test_a_dispensable_base_is_isolated_after_two_samples(before, dispensable):
+@pytest.mark.parametrize("settled", [1.0, 0.0])
+def test_a_dispensable_base_is_isolated_after_two_samples(before, dispensable, settled):
+    """It is not while the vibration after another isolation decays."""
     x, u, p = quiet(MONITOR)
     p["dispensable"] = np.array([dispensable, 1.0, 1.0, 1.0])
     x["match"], x["information"] = 1e4 * np.eye(8)[0], 1e4 * np.eye(8)
     x["suspected"] = before * np.eye(4)[0]
+    x["settling"] = np.array(1.0 - settled)
     after = MONITOR.update(np.array(0.0), x, u, p)
-    assert_array_equal(after["failed"], before * dispensable * np.eye(4)[0])
+    isolated = before * dispensable * settled
+    assert_array_equal(after["failed"], isolated * np.eye(4)[0])
+    assert after["settling"] == (3.0 if isolated else 1.0 - settled - STEP)
 
 
 @pytest.mark.parametrize(
