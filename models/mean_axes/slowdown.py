@@ -16,7 +16,7 @@ from trussflow.models.plant.truss_block import FORCE_UNITS
 MISSED_PART = 0.02
 """Part of the largest force or torque on the truss that counts as missed [-]."""
 
-PATIENCE = 1.0
+MISSED_TIME = 1.0
 """Time with a missed demand after which the share is halved [s]."""
 
 MIN_SHARE = 1.0 / 16.0
@@ -64,7 +64,7 @@ class PathSlowdown(MeanAxesBlock):
         """Halve the share after a demand that was missed for long."""
         missing = np.max(np.abs(u.missed[:6]) / p.reach) > MISSED_PART
         waited = np.where(missing, x.waited + self.design.sample_time, 0.0)
-        late = waited > PATIENCE
+        late = waited > MISSED_TIME
         return {
             "left": np.maximum(np.where(late, x.left / 2.0, x.left), MIN_SHARE),
             "waited": np.where(late, 0.0, waited),
