@@ -64,7 +64,8 @@ class MeanAxesDesign:
     sudden_noise_factor : float
         Factor of disturbance_noise in the estimator gain after a sudden disturbance [-].
     sudden_threshold : float
-        Innovation of the pose above which a disturbance is sudden, in multiples of position_noise [-].
+        Innovation of the rates of the truss frame above which a disturbance is sudden, in multiples of
+        rate_noise [-].
     position_noise, rate_noise : float
         Standard deviations of measured positions and of measured rates [m and rad, m/s and rad/s].
     innovation_gate : float

@@ -102,9 +102,9 @@ class MeanAxesEstimator(MeanAxesBlock):
     (to first order, exact for the modes) uses the actuation until then. The outputs are the prediction. So a
     command acts one sample after its last measurement, at the time for which it is computed.
 
-    An innovation of the pose far above noise shows a sudden disturbance, such as a failed base or an open
-    valve. In such samples the gain is that for a larger process noise of the disturbance (adjustable level of
-    process noise).
+    An innovation of the rates of the truss frame far above noise shows a sudden disturbance, such as a failed
+    base or an open valve. In such samples the gain is that for a larger process noise of the disturbance
+    (adjustable level of process noise).
 
     Speeds and disturbances are bounded, so that no finite measurement makes the estimate diverge.
 
@@ -170,8 +170,8 @@ class MeanAxesEstimator(MeanAxesBlock):
     )
     sudden_innovation = Parameter(
         above=0.0,
-        unit="m",
-        meaning="pose innovation above which sudden_gain applies [m, rad]",
+        unit="m/s",
+        meaning="innovation of frame rates above which sudden_gain applies [m/s, rad/s]",
     )
 
     def __init__(
@@ -204,7 +204,7 @@ class MeanAxesEstimator(MeanAxesBlock):
             initial_posture=start[dynamics.attitude.end :],
             gain=design.estimator_gain(free),
             sudden_gain=design.estimator_gain(free, design.sudden_noise_factor),
-            sudden_innovation=design.sudden_threshold * design.position_noise,
+            sudden_innovation=design.sudden_threshold * design.rate_noise,
         )
 
     def output(self, t: Array, x: Signals, u: Signals, p: Signals) -> Values:
@@ -229,7 +229,7 @@ class MeanAxesEstimator(MeanAxesBlock):
                 u.velocity - x.nu + self.root_motion @ x.eta_rate,
             ]
         )
-        sudden = np.max(np.abs(innovation[:6])) > p.sudden_innovation
+        sudden = np.max(np.abs(innovation[m : m + 6])) > p.sudden_innovation
         step = np.where(sudden, p.sudden_gain, p.gain) @ innovation
         # The correction is in truss axes, as speeds are; `kinematics` maps it to
         # coordinates.

@@ -90,10 +90,10 @@ def test_a_sudden_disturbance_is_estimated_fast():
     "acceleration, noise, coordinate, sudden",
     [(0.0, 1e-4, 2, False), (0.02, 0.0, 4, True), (0.02, 0.0, 6, False)],
 )
-def test_only_the_pose_shows_a_sudden_disturbance(
+def test_only_the_truss_shows_a_sudden_disturbance(
     acceleration, noise, coordinate, sudden
 ):
-    """Position and attitude do; noise and motion of joints do not."""
+    """Its rates do; noise and motion of joints do not."""
     found, ordinary = (
         disturbances(acceleration, noise, parameters, coordinate)[0]
         for parameters in (None, ORDINARY)
