@@ -82,7 +82,7 @@ def test_a_sudden_disturbance_is_estimated_fast():
     for parameters in (None, ORDINARY):
         found, wanted = disturbances(0.02, 0.0, parameters)
         errors.append(abs(found[2] / (mass * wanted[2]) - 1.0))
-    assert errors[0] < 0.05
+    assert errors[0] < 0.15
     assert errors[1] > 0.7
 
 
