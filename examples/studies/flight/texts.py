@@ -5,9 +5,9 @@ HEAD = """\
 
 The [mean-axes controller](../mean_axes.md) with the default hardware, `Hardware.flight()`: geared drives with a
 servo and power-off brakes. The plant is the accurate nonlinear model. `make flight` writes this report, by
-default with 200 samples. Every number of this page is in [`evidence.json`](evidence.json) with its full value, beside the
-fingerprints of the
-simulated diagrams. `PYTHONPATH=examples/studies python -m flight --check` compares them with the present code.
+default with 200 samples. Every number of this page is in [`evidence.json`](evidence.json) with its full value,
+beside the fingerprints of the simulated diagrams. `PYTHONPATH=examples/studies python -m flight --check` compares
+them with the present code.
 
 ## Summary
 
