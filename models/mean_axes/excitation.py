@@ -18,7 +18,7 @@ from trussflow.models.plant.truss_block import ACTUATOR_UNITS
 PATTERN_SAMPLES = 4
 """Samples per period: +, -, -, +. With two, the filter of the fault detection would reduce the effect [-]."""
 
-DRIVE_DELAY = 1
+DRIVE_DELAY = PATTERN_SAMPLES // 4
 """Samples by which drives are excited later than bases, a quarter of a period [-]."""
 
 NULL_SPACE_TOLERANCE = 1e-9

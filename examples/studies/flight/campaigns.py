@@ -40,7 +40,7 @@ LOOPS: dict[str, dict[str, Any]] = {
 }
 """Arguments of `flight_simulator` by name of the loop."""
 
-MAX_JACO_SAMPLES, JACO_FAULT_STEP = 16, 2
+MAX_JACO_SAMPLES, JACO_FAULT_STEP = 32, 2
 """Largest number of Monte Carlo samples with the second arm, which also has every second run with faults [-]."""
 
 BLOCK_SIZE = 16
