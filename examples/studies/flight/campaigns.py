@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 from study_tools.evidence import fingerprint, projection
 
-from flight.faults import fault_runs
+from flight.faults import FEASIBLE, fault_runs
 from flight.loops import PAPER_LAWS, flight_hardware, flight_simulator, law_simulator
 from flight.metrics import LATE_WINDOW, run_metrics, tracking
 from flight.samples import NOMINAL_SEED, run_parameters
@@ -37,6 +37,7 @@ LOOPS: dict[str, dict[str, Any]] = {
     "Literal arm, Case 1": {"case": 1, "arm": "literal"},
     "Literal arm, Case 2": {"case": 2, "arm": "literal"},
     "Jaco arm, Case 1": {"case": 1, "arm": "jaco"},
+    "Jaco arm, Case 2": {"case": 2, "arm": "jaco"},
 }
 """Arguments of `flight_simulator` by name of the loop."""
 
@@ -231,7 +232,8 @@ def loop_campaigns(name: str, count: int) -> list[Campaign]:
 
     seeds = range(FIRST_SEED, FIRST_SEED + count)
     case = options["case"]
-    faults = list(fault_runs(flight_hardware(case), plant, case))
+    feasible = FEASIBLE[options["arm"], case]
+    faults = list(fault_runs(flight_hardware(case), plant, feasible))
     found = [
         *(
             campaign(f"seeds {block[0]} to {block[-1]}", same(HEALTHY), block)

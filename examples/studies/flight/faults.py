@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from typing import Any
 
@@ -23,8 +23,13 @@ FAULTS = data_beside(__file__, "faults.toml")
 TIMES = (10.0, 30.0, 50.0)
 """Times of the faults: acceleration, coasting, braking [s]."""
 
-FEASIBLE = {1: (1, 2, 3), 2: (1, 2)}
-"""Numbers of the robots without which a case is feasible."""
+FEASIBLE: dict[tuple[str, int], tuple[int, ...]] = {
+    ("literal", 1): (1, 2, 3),
+    ("literal", 2): (1, 2),
+    ("jaco", 1): (1, 2, 3),
+    ("jaco", 2): (),
+}
+"""Numbers of the robots without whose bases a case is feasible, by arm and case."""
 
 VALVE_AXES = (2, 0, 1)
 """Axis of the force by an open valve, by the number of the time."""
@@ -147,7 +152,7 @@ def add_faults(diagram: Diagram, truss: SpaceTruss, sample_time: float) -> None:
 
 
 def fault_runs(
-    hardware: Hardware, plant: SpaceTruss, case: int
+    hardware: Hardware, plant: SpaceTruss, feasible: Sequence[int]
 ) -> Iterator[tuple[str, str, dict[str, Any]]]:
     """Yield kind, name and parameters of each run with one of the `FAULTS`.
 
@@ -157,13 +162,13 @@ def fault_runs(
         Hardware of the loop.
     plant : SpaceTruss
         Plant.
-    case : int
-        Case 1 or 2 of the paper.
+    feasible : sequence of int
+        Numbers of the robots whose bases may fail, one of `FEASIBLE`.
     """
     for kind, fault in FAULTS["kinds"].items():
-        runs = product(fault.get("robots", FEASIBLE[1]), fault.get("times", TIMES))
+        runs = product(fault.get("robots", (1, 2, 3)), fault.get("times", TIMES))
         for robot, time in runs:
-            if fault.get("base", 1.0) < 0.5 and robot not in FEASIBLE[case]:
+            if fault.get("base", 1.0) < 0.5 and robot not in feasible:
                 continue
             name = f"{kind} ({robot}, {time:g} s)"
             yield kind, name, fault_parameters(hardware, plant, robot, time, fault)

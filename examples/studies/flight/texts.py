@@ -18,8 +18,8 @@ A run is *lost* if the position error exceeds {metrics.MAX_POSITION:g} m, a join
 their own, or before it. *Isolated* counts the runs in which each faulty base is isolated at least once after its
 fault; *isolated after* is the longest time until then. Bases that keep more than 35 % of their effect, or have an
 open valve, should not be isolated. Some bases at 50 % are. With a base gain of 0.5 all
-bases count as faulty. With the Jaco arm only Case 1
-was simulated, with at most {campaigns.MAX_JACO_SAMPLES} samples and every second run with a fault.
+bases count as faulty. The loops with the Jaco arm
+have at most {campaigns.MAX_JACO_SAMPLES} samples and every second run with a fault.
 
 {tables}
 
@@ -36,8 +36,8 @@ alarm; for the {campaigns.LONG_SAMPLES} samples of {campaigns.LONG_DURATION:g} s
 Faults begin at 10, 30 and 50 s, a stuck encoder at 10 s only. Biases, friction, gains, delays and other arms exist
 from the start. The controller is not informed of them, except of an invalid pose. The nominal truss and those of
 the seeds {campaigns.TRUSSES[1]} and {campaigns.TRUSSES[2]} take turns. Base 4 cannot fail completely within the
-limits along body z, and in Case 2 neither can base 3 ([Feasibility](#feasibility)). They are
-simulated with at least half of their effect, and the controller never isolates them (`dispensable`).
+limits along body z, in Case 2 neither can base 3 ([Feasibility](#feasibility)), and with the Jaco arm no base can in
+Case 2. They are simulated with at least half of their effect, and the controller never isolates them (`dispensable`).
 
 * *Robot fails, braked*: base and drives have no effect. The brakes of the drives hold the joints.
 * *Valve open*: a constant force at one base, along −z at 10 s, −x at 30 s and −y at 50 s in its axes.
