@@ -32,7 +32,7 @@ from trussflow.models.feasibility import survey
 from trussflow.models.feasibility.failures import single_failures
 from trussflow.models.plant.space_truss import SpaceTruss
 from trussflow.models.reporting.tables import markdown_table
-from trussflow.models.transport.mission import CASES, Mission
+from trussflow.models.transport.mission import Mission
 from trussflow.models.transport.wiring import path_of
 
 SUMMARY_METRICS = ("position", "attitude", "joints", "late position", "base torque")
@@ -131,28 +131,31 @@ def limits_section(
 
 def missions_section(ledger: Ledger) -> str:
     """Return the feasibility of the missions with each single failure."""
-    plant = flight_hardware(1).mounted(SpaceTruss.accurate())
-    # Robots with braked joints have the same feasibility as their bases, which come first.
-    failures = single_failures(plant.dynamics)[: 1 + plant.robots]
-    rows, header = dict[str, list[str]](), ["failure"]
-    for case in CASES:
-        header += [
-            f"Case {case}: margin [-]",
-            "least duration [s]",
-            "needed torque [N·m]",
-        ]
-        limits = flight_hardware(case).limits(plant)
-        path = path_of(Mission.of_case(case), plant)
-        for one in survey(plant.dynamics, path, limits, failures):
-            note = partial(ledger.of(f"case {case}, {one.failure}"), show_unit=False)
-            rows.setdefault(one.failure, [one.failure]).extend(
+    rows = []
+    for name, options in campaigns.LOOPS.items():
+        hardware = flight_hardware(options["case"])
+        plant = hardware.mounted(SpaceTruss.accurate(arm=options["arm"]))
+        path = path_of(Mission.of_case(options["case"]), plant)
+        # Robots with braked joints have the same feasibility as their bases, which come first.
+        failures = single_failures(plant.dynamics)[: 1 + plant.robots]
+        for one in survey(plant.dynamics, path, hardware.limits(plant), failures):
+            run = f"{name}, {one.failure}"
+            note = partial(ledger.of(run), show_unit=False)
+            rows.append(
                 [
+                    run,
                     note("margin", one.margin),
                     note("least duration", one.least_duration, "s"),
                     note("needed torque", one.needed_torque, "N*m"),
                 ]
             )
-    return MISSIONS.format(table=markdown_table(header, [*rows.values()]))
+    header = [
+        "loop and failure",
+        "margin [-]",
+        "least duration [s]",
+        "needed torque [N·m]",
+    ]
+    return MISSIONS.format(table=markdown_table(header, rows))
 
 
 def margins_section(found: xr.Dataset, ledger: Ledger) -> str:

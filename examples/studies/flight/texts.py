@@ -31,7 +31,8 @@ frequencies by up to {samples.MAX_DEVIATION:.0%}, mode shapes at the grasps with
 payload of up to {samples.MAX_PAYLOAD:g} kg at the tip. Their seeds start at {campaigns.FIRST_SEED}; the
 controller was tuned with smaller seeds. The goals for them are 3 mm, 3 mrad, 2 mrad of the joints and no false
 alarm; for the {campaigns.LONG_SAMPLES} samples of {campaigns.LONG_DURATION:g} s also a late position error of
-0.07 mm.
+0.07 mm. In Case 2 with the Jaco arm, the nominal truss needs almost all torque of the bases, and heavy samples need
+more ([Feasibility](#feasibility)): their attitude error is larger.
 
 Faults begin at 10, 30 and 50 s, a stuck encoder at 10 s only. Biases, friction, gains, delays and other arms exist
 from the start. The controller is not informed of them, except of an invalid pose. The nominal truss and those of
@@ -53,8 +54,8 @@ Case 2. They are simulated with at least half of their effect, and the controlle
 """
 
 MISSIONS = """\
-Feasibility of the missions with the literal arm before any simulation: a linear program over all actuators at
-each instant, by `trussflow.models.feasibility.survey`, on the accurate plant along body z. *Margin* is
+Feasibility of the missions before any simulation: a linear program over all actuators at each instant, by
+`trussflow.models.feasibility.survey`, on the accurate plant along body z. *Margin* is
 the largest common factor of all demands within the limits. If it is below 1, the path needs the least duration, or
 the needed torque. A failed robot with braked joints has the values of its failed base. In another attitude, Case 1
 is feasible with every single failure ([What failing actuators can do](../feasibility.md)).

@@ -88,7 +88,7 @@ def test_all_results_are_in_the_report(tmp_path):
         in text
     )
     assert "| thrusters damp | 0.100 | 0.100 | 0.100 | 1.00×10⁻⁴ |" in text
-    assert "| base 4 | 0." in text  # along body z: not in time
+    assert "| Literal arm, Case 1, base 4 | 0." in text  # along body z: not in time
     assert "| attitude [mrad] | 4.00 | 4.00 |" in text
     assert "| payload [kg] | 0 | 0 |" in text
     assert "are 0.00100 mm and 2.00 mrad" in text
