@@ -325,7 +325,7 @@ FAULTS = (
           "reach = p.limits * u.effectiveness", "reach = p.limits"),
     Fault("models/mean_axes/fault_detection.py", "tests/models/mean_axes/test_fault_detection.py",
           "the joints judge the base of a held arm",
-          "np.where(held, frame_lost, np.stack([lost, recent])[:, :robots])", "np.stack([lost, recent])[:, :robots]"),
+          "np.where(held, frame_lost, both[:, :robots])", "both[:, :robots]"),
     Fault("models/mean_axes/validity.py", "tests/models/mean_axes/test_validity.py",
           "poses are rejected for ever after a long outage",
           "np.logical_or(near, x.coasting > LONGEST_OUTAGE)", "near"),

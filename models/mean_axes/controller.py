@@ -89,7 +89,6 @@ def mean_axes_controller(
     for block in (estimator, monitor):
         gate.checked_position >> block.position
         gate.checked_velocity >> block.velocity
-    estimator.disturbance >> monitor.disturbance
     monitor.effectiveness >> allocation.effectiveness
     monitor.effectiveness >> left.u1
     left.y >> estimator.actuation

@@ -15,7 +15,6 @@ from trussflow.models.mean_axes.estimator import MeanAxesBlock, thrusts_of
 from trussflow.models.mean_axes.free_modes import FreeModes
 from trussflow.models.plant.truss_block import (
     ACTUATOR_UNITS,
-    FORCE_UNITS,
     POSITION_UNITS,
     RATE_UNITS,
 )
@@ -57,7 +56,7 @@ class FaultDetection(MeanAxesBlock):
     The rates of truss frame and joints change in a sample by
 
     .. math::
-        \Delta\nu = \sum_g (1 - \lambda_g)\,a_g + T_s G^{-1} (w_r - c) + d, \qquad a_g = T_s G^{-1} P_g Q_g
+        \Delta\nu = \sum_g (1 - \lambda_g)\,a_g + d - T_s G^{-1} c, \qquad a_g = T_s G^{-1} P_g Q_g
 
     with the lost share :math:`\lambda_g` of each part g, which is the base or the drives of a robot. d are
     slow unknown changes, such as those of encoder biases or open valves. A filter with constant gains
@@ -72,9 +71,10 @@ class FaultDetection(MeanAxesBlock):
       The estimate from the last 0.1 s alone suffices if it is clear.
     * A base is isolated only if it is `dispensable`, as all are by default. Bases without which the mission
       is infeasible should not be. While such a loss is the most significant one, no other base is isolated.
-    * An arm that follows neither base nor drives is held, by its brakes or by friction. Its base is tested with
-      the innovations of the truss frame alone, on which bases have similar effects. So its lost share, in
-      standard deviations, must exceed that of every other arm held now or in the last 2.3 s by the threshold.
+    * If the drives of an arm have lost more than half of their effect, by a significant estimate of 0.4 s or 0.1 s,
+      the arm is held, by its brakes or by friction. Its base is tested with the innovations of the truss frame
+      alone, on which bases have similar effects. So its lost share, in standard deviations, must exceed that of
+      every other arm held now or in the last 2.3 s by the threshold.
     * If the residual is larger than noise, or more than the whole effect is lost, the cause is none of these,
       and no base is isolated.
     * If most of the bases in use lose effect, the cause is common, and no base is isolated: without them the
@@ -121,7 +121,6 @@ class FaultDetection(MeanAxesBlock):
         default=0.0,
         meaning="mean joint torques of servos in the last sample, which are expected again in Q",
     )
-    disturbance = Input("rigid", unit=FORCE_UNITS, default=0.0, meaning="w")
     effectiveness = Output("actuators", unit="1", meaning="health: 0 failed, 1 healthy")
     held = Output("joints", meaning="1 for the joints of held arms")
     lost_shares = Output("parts", meaning="lambda of bases, then of drives of the arms")
@@ -210,9 +209,8 @@ class FaultDetection(MeanAxesBlock):
         servo = np.concatenate([np.zeros(6 * robots), u.servo_torque])
         acting = self.members * np.reshape(x.applied + servo, (self.actuators, 1))
         terms = self.dynamics.evaluate(u.position, u.velocity)
-        others = np.concatenate([u.disturbance[:6], np.zeros(self.joints)]) - terms.bias
         forces = np.concatenate(
-            [terms.actuation_matrix @ acting, np.reshape(others, (self.rigid, 1))],
+            [terms.actuation_matrix @ acting, np.reshape(-terms.bias, (self.rigid, 1))],
             axis=1,
         )
         change = time * solve_positive_definite(terms.mass_matrix, forces)
@@ -267,11 +265,13 @@ class FaultDetection(MeanAxesBlock):
         frame_variance = 1.0 / (1.0 + frame_information)
         frame_lost = frame_match * frame_variance
 
-        limit = p.threshold * np.sqrt(noise * variance[robots:])
-        held = lost[robots:] > np.maximum(HELD, limit)
-        shares = np.where(held, frame_lost, np.stack([lost, recent])[:, :robots])
-        variances = np.stack([variance, recent_variance])[:, :robots]
-        spreads = np.sqrt(noise * np.where(held, frame_variance, variances))
+        both = np.stack([lost, recent])
+        variances = noise * np.stack([variance, recent_variance])
+        limit = np.maximum(HELD, p.threshold * np.sqrt(variances[:, robots:]))
+        clear = both[:, robots:] > limit
+        held = np.logical_or(clear[0], clear[1])
+        shares = np.where(held, frame_lost, both[:, :robots])
+        spreads = np.sqrt(np.where(held, noise * frame_variance, variances[:, :robots]))
         deviations = shares / spreads
         held_arms = np.where(held, 1.0, FRAME_MEMORY * x.held_arms)
         frame_deviations = frame_lost / np.sqrt(noise * frame_variance)

@@ -52,7 +52,6 @@ def session():
         velocity=monitor.velocity,
         actuation=monitor.actuation,
     )
-    diagram.ground(monitor.disturbance)
     diagram.expose(
         effectiveness=monitor.effectiveness,
         held=monitor.held,
@@ -369,6 +368,21 @@ def test_the_base_of_a_held_arm_leads_over_those_of_others(rival, held, suspecte
     after = MONITOR.update(np.array(0.0), x, u, p)
     assert_array_equal(after["suspected"], suspected * np.eye(4)[0])
     assert_array_equal(after["held_arms"], [1.0, 0.98 * held, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("prefix", ["", "recent_"])
+@pytest.mark.parametrize(
+    "share, information, held", [(0.45, 1e4, 0.0), (0.55, 1e4, 1.0), (0.9, 1.0, 0.0)]
+)
+def test_a_large_significant_loss_of_its_drives_shows_a_held_arm(
+    prefix, share, information, held
+):
+    """By one of the two estimates, so that a valve that moves its own arm is not taken for a failed base."""
+    x, u, p = quiet(MONITOR)
+    x[prefix + "information"] = information * np.eye(8)
+    x[prefix + "match"] = share * (information + 1.0) * np.eye(8)[4]
+    after = MONITOR.update(np.array(0.0), x, u, p)
+    assert_array_equal(after["held_arms"], held * np.eye(4)[0])
 
 
 @pytest.mark.parametrize("prefix", ["", "recent_"])

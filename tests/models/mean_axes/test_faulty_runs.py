@@ -62,7 +62,10 @@ def session():
     )
     controller.expose(lost_shares=controller.blocks["monitor"].lost_shares)
     diagram.expose(position=truss.task_position, reference=trajectory.port("position"))
-    diagram.expose(**{name: controller.port(name) for name in BOUNDS})
+    diagram.expose(
+        effectiveness=controller.port("effectiveness"),
+        **{name: controller.port(name) for name in BOUNDS},
+    )
     with Session(diagram, step=1e-3) as found:
         yield found
 
@@ -86,7 +89,7 @@ def drawn(rng):
 
 
 def errors(session, faults, friction, threshold):
-    """Return the largest errors of position [m] and joints [rad] in 12 s with one or two faults."""
+    """Return the largest errors of position [m], and of attitude and joints [rad], in 12 s with faults."""
     session.start(
         inputs=HEALTHY,
         parameters={
@@ -105,7 +108,7 @@ def errors(session, faults, friction, threshold):
         for name, bound in BOUNDS.items():
             assert np.abs(out[name]).max() < bound, name
         error = out["position"] - out["reference"]
-        worst = np.maximum(worst, [np.linalg.norm(error[:3]), np.abs(error[6:]).max()])
+        worst = np.maximum(worst, [np.linalg.norm(error[:3]), np.abs(error[3:]).max()])
     return worst
 
 
@@ -120,6 +123,19 @@ def test_the_detection_loses_no_run(session, seed):
     if (found > [0.2, 0.5]).any():
         without = errors(session, faults, friction, 1e30)
         assert (without > [0.05, 0.5]).any()
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("robot", range(3))
+def test_the_failed_base_of_a_held_arm_is_isolated(session, robot):
+    """Friction holds all arms; the estimator soon explains the loss by a disturbance."""
+    friction = {"actuators.drives.coulomb": np.full(JOINTS, 0.05)}
+    session.start(inputs=HEALTHY, parameters=friction)
+    session.advance(8.0)
+    left = 1.0 - np.eye(4)[robot]
+    session.set(bases=left)
+    session.advance(14.0)
+    assert np.array_equal(session.outputs["effectiveness"][:24:6], left)
 
 
 @pytest.mark.campaign
