@@ -264,17 +264,18 @@ class FaultDetection(MeanAxesBlock):
         frame_match = FRAME_MEMORY * x.frame_match - frame @ whitened[:6]
         frame_variance = 1.0 / (1.0 + frame_information)
         frame_lost = frame_match * frame_variance
+        frame_spread = np.sqrt(noise * frame_variance)
 
         both = np.stack([lost, recent])
-        variances = noise * np.stack([variance, recent_variance])
-        limit = np.maximum(HELD, p.threshold * np.sqrt(variances[:, robots:]))
+        both_spreads = np.sqrt(noise * np.stack([variance, recent_variance]))
+        limit = np.maximum(HELD, p.threshold * both_spreads[:, robots:])
         clear = both[:, robots:] > limit
         held = np.logical_or(clear[0], clear[1])
         shares = np.where(held, frame_lost, both[:, :robots])
-        spreads = np.sqrt(np.where(held, noise * frame_variance, variances[:, :robots]))
+        spreads = np.where(held, frame_spread, both_spreads[:, :robots])
         deviations = shares / spreads
         held_arms = np.where(held, 1.0, FRAME_MEMORY * x.held_arms)
-        frame_deviations = frame_lost / np.sqrt(noise * frame_variance)
+        frame_deviations = frame_lost / frame_spread
         rivals = np.where(held_arms > RECENTLY_HELD, frame_deviations, 0.0)
         others = np.where(np.eye(robots) > 0.0, 0.0, rivals)
         lead = FRAME_THRESHOLD + np.max(others, axis=1)

@@ -20,6 +20,7 @@ HEALTHY = {
 }
 DETECTION = MeanAxesDesign.shipped().threshold
 BOUNDS = {
+    "effectiveness": 1.1,
     "lost_shares": 100.0,
     "unexplained": 1e6,
     "mean_position": 10.0,
@@ -62,10 +63,7 @@ def session():
     )
     controller.expose(lost_shares=controller.blocks["monitor"].lost_shares)
     diagram.expose(position=truss.task_position, reference=trajectory.port("position"))
-    diagram.expose(
-        effectiveness=controller.port("effectiveness"),
-        **{name: controller.port(name) for name in BOUNDS},
-    )
+    diagram.expose(**{name: controller.port(name) for name in BOUNDS})
     with Session(diagram, step=1e-3) as found:
         yield found
 
