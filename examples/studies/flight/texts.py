@@ -17,7 +17,7 @@ A run is *lost* if the position error exceeds {metrics.MAX_POSITION:g} m, a join
 {metrics.MAX_JOINTS:g} rad, or the run diverges. *False alarms* counts bases that are isolated without a fault of
 their own, or before it. *Isolated* counts the runs in which each faulty base is isolated at least once after its
 fault; *isolated after* is the longest time until then. Bases that keep more than 35 % of their effect, or have an
-open valve, should not be isolated. Some bases at 50 % are. With a base gain of 0.5 all
+open valve, should not be isolated. Some at 50 % or with an open valve are. With a base gain of 0.5 all
 bases count as faulty. The loops with the Jaco arm
 have at most {campaigns.MAX_JACO_SAMPLES} samples and every second run with a fault.
 
